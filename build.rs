@@ -1,0 +1,130 @@
+//! Generates the bending models for both backends and compiles every shader variant.
+
+use glslang::include::{IncludeHandler, IncludeResult, IncludeType};
+use glslang::{Compiler, CompilerOptions, ShaderInput, ShaderMessage, ShaderSource, ShaderStage, SpirvVersion, Target, VulkanVersion};
+use std::collections::HashMap;
+use std::error::Error;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+#[path = "src/kernels/constants.rs"]
+#[allow(dead_code, reason = "the build script reads the tables only")]
+mod constants;
+#[path = "src/spacetime/mod.rs"]
+#[allow(dead_code, unused_imports, reason = "the build script uses the formulas only")]
+mod spacetime;
+
+use spacetime::expr::emit::Dialect;
+use spacetime::expr::model::ModelFormulas;
+
+/// Kernels that exist once, and the one that exists per model and precision.
+const SHARED_KERNELS: &[&str] = &[];
+const MODEL_KERNEL: &str = "advance";
+
+fn main() -> Result<(), Box<dyn Error>> {
+    for path in ["build.rs", "shaders", "src/spacetime", "src/kernels/constants.rs"] {
+        println!("cargo:rerun-if-changed={path}");
+    }
+    let out = PathBuf::from(std::env::var("OUT_DIR")?);
+
+    let mut rust = String::from("// Generated from src/spacetime by build.rs.\n");
+    let mut includes: HashMap<String, String> = HashMap::new();
+    for dialect in [Dialect::Glsl32, Dialect::Glsl64] {
+        includes.insert(format!("constants{}", suffix(dialect)), constants_glsl(dialect));
+    }
+    macro_rules! generate {
+        ($(($name:ident, $stem:ident)),+ $(,)?) => {
+            $(
+                let formulas = ModelFormulas::of::<spacetime::$name>();
+                rust += &formulas.rust(stringify!($name));
+                for dialect in [Dialect::Glsl32, Dialect::Glsl64] {
+                    includes.insert(format!("{}{}", stringify!($stem), suffix(dialect)), formulas.glsl(dialect));
+                }
+            )+
+        };
+    }
+    for_each_model!(generate);
+    std::fs::write(out.join("models.rs"), rust)?;
+
+    let mut table = String::from("/// SPIR-V of every kernel, by name.\npub static SPIRV: &[(&str, &[u8])] = &[\n");
+    let mut compile = |kernel: &str, name: &str, dialect: Dialect, model: &str| -> Result<(), Box<dyn Error>> {
+        let words = compile_shader(kernel, dialect, model, &includes)?;
+        let bytes: Vec<u8> = words.iter().flat_map(|w| w.to_le_bytes()).collect();
+        std::fs::write(out.join(format!("{name}.spv")), bytes)?;
+        writeln!(table, "    ({name:?}, include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{name}.spv\"))),")?;
+        Ok(())
+    };
+    for kernel in SHARED_KERNELS {
+        compile(kernel, kernel, Dialect::Glsl32, "flat")?;
+    }
+    for model in [] as [spacetime::ModelKind; 0] {
+        for dialect in [Dialect::Glsl32, Dialect::Glsl64] {
+            let name = format!("{MODEL_KERNEL}_{}{}", model.stem(), suffix(dialect));
+            compile(MODEL_KERNEL, &name, dialect, model.stem())?;
+        }
+    }
+    table.push_str("];\n");
+    std::fs::write(out.join("spirv.rs"), table)?;
+    Ok(())
+}
+
+fn suffix(dialect: Dialect) -> &'static str {
+    if dialect == Dialect::Glsl64 { "_f64" } else { "_f32" }
+}
+
+/// The GLSL twin of `kernels/constants.rs`.
+fn constants_glsl(dialect: Dialect) -> String {
+    let mut text = String::new();
+    for (name, value) in constants::UINTS {
+        let _ = writeln!(text, "const uint {name} = {value}u;");
+    }
+    for (name, value) in constants::FLOATS {
+        let _ = writeln!(text, "const float {name} = {:?};", *value);
+    }
+    for (name, value) in constants::REALS {
+        let _ = writeln!(text, "const real {name} = {};", dialect.constant(*value));
+    }
+    text
+}
+
+/// Resolves `#include`: the generated `constants.glsl` and `model.glsl`, everything else from shaders/.
+struct Includes<'a> {
+    generated: &'a HashMap<String, String>,
+    dialect: Dialect,
+    model: &'a str,
+}
+
+impl IncludeHandler for Includes<'_> {
+    fn include(&mut self, _: IncludeType, name: &str, _: &str, _: usize) -> Option<IncludeResult> {
+        let data = match name {
+            "constants.glsl" => self.generated.get(&format!("constants{}", suffix(self.dialect)))?.clone(),
+            "model.glsl" => self.generated.get(&format!("{}{}", self.model, suffix(self.dialect)))?.clone(),
+            _ => std::fs::read_to_string(Path::new("shaders").join(name)).ok()?,
+        };
+        Some(IncludeResult { name: name.to_owned(), data })
+    }
+}
+
+fn compile_shader(kernel: &str, dialect: Dialect, model: &str, generated: &HashMap<String, String>) -> Result<Vec<u32>, Box<dyn Error>> {
+    let path = Path::new("shaders").join(format!("{kernel}.comp"));
+    let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let mut defines: Vec<(&str, Option<&str>)> = vec![];
+    if dialect == Dialect::Glsl64 {
+        defines.push(("REAL64", Some("1")));
+    }
+    if model == "flat" {
+        defines.push(("FLAT", Some("1")));
+    }
+    let options = CompilerOptions {
+        target: Target::Vulkan { version: VulkanVersion::Vulkan1_2, spirv_version: SpirvVersion::SPIRV1_5 },
+        messages: ShaderMessage::VULKAN_RULES | ShaderMessage::SPV_RULES,
+        ..CompilerOptions::default()
+    };
+    let compiler = Compiler::acquire().ok_or("glslang does not start")?;
+    let source = ShaderSource::from(text);
+    let mut includes = Includes { generated, dialect, model };
+    let describe = |e: glslang::error::GlslangError| format!("{} ({model}): {e}", path.display());
+    let input = ShaderInput::new(&source, ShaderStage::Compute, &options, Some(defines.as_slice()), Some(&mut includes)).map_err(describe)?;
+    let shader = compiler.create_shader(input).map_err(describe)?;
+    Ok(shader.compile().map_err(describe)?)
+}

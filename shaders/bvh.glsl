@@ -1,0 +1,144 @@
+// Closest hit of a straight or curved segment; documented in src/kernels/bvh.rs.
+
+struct Curve {
+    vec3 start;
+    vec3 c1;
+    vec3 c2;
+    vec3 c3;
+    uint chords;
+    float inflation;
+};
+
+struct Hit {
+    float t;
+    uint primitive;
+    float u;
+    float v;
+};
+
+Curve straight(vec3 origin, vec3 direction) {
+    return Curve(origin, direction, vec3(0.0), vec3(0.0), 1u, 0.0);
+}
+
+Curve hermite(vec3 start, vec3 end, vec3 tangent0, vec3 tangent1, float tolerance) {
+    vec3 chord = end - start;
+    vec3 c2 = chord * 3.0 - tangent0 * 2.0 - tangent1;
+    vec3 c3 = tangent0 + tangent1 - chord * 2.0;
+    float bend = max(length(c2), length(c2 + c3 * 3.0)) * 2.0;
+    float chords = clamp(ceil(sqrt(bend / (8.0 * tolerance))), 1.0, float(MAX_CHORDS));
+    float deviation = 0.25 * max(length(tangent0 - chord), length(tangent1 - chord));
+    return Curve(start, tangent0, c2, c3, uint(chords), deviation + tolerance);
+}
+
+vec3 curve_point(Curve curve, float s) {
+    return curve.start + (curve.c1 + (curve.c2 + curve.c3 * s) * s) * s;
+}
+
+vec3 curve_tangent(Curve curve, float s) {
+    return curve.c1 + (curve.c2 * 2.0 + curve.c3 * (3.0 * s)) * s;
+}
+
+vec3 hit_position(Curve curve, float t) {
+    if (curve.chords == 1) {
+        return curve.start + (curve.c1 + curve.c2 + curve.c3) * t;
+    }
+    float count = float(curve.chords);
+    float j = min(floor(t * count), count - 1.0);
+    vec3 from = curve_point(curve, j / count);
+    vec3 to = curve_point(curve, (j + 1.0) / count);
+    return from + (to - from) * (t * count - j);
+}
+
+bool intersect_chord(uint child, vec3 origin, vec3 direction, float j, float count, float t_max, inout Hit hit) {
+    uint index = child & CHILD_INDEX;
+    if ((child & CHILD_BLOCK) == 0) {
+        vec3 found = intersect_primitive(primitive_at(index), origin, direction, t_max);
+        if (found.x > 0.0) {
+            hit = Hit((j + found.x) / count, HIT_PRIMITIVE | index, found.y, found.z);
+            return true;
+        }
+        return false;
+    }
+    bool any_hit = false;
+    for (uint lane = 0; lane < 8; ++lane) {
+        if (block_triangle(index, lane) == NO_INDEX) {
+            break;
+        }
+        float t, u, v;
+        if (intersect_triangle(origin, direction, block_vertex(index, lane), block_edge1(index, lane), block_edge2(index, lane), t_max, t, u, v)) {
+            hit = Hit((j + t) / count, 8 * index + lane, u, v);
+            t_max = t;
+            any_hit = true;
+        }
+    }
+    return any_hit;
+}
+
+void intersect_leaf(Curve curve, uint child, float enter, float exit, inout Hit hit) {
+    float count = float(curve.chords);
+    float first = clamp(floor(enter * count), 0.0, count - 1.0);
+    float last = clamp(floor(min(exit, hit.t) * count), 0.0, count - 1.0);
+    bool single = curve.chords == 1;
+    vec3 from = curve_point(curve, first / count);
+    for (float j = first; j <= last; j += 1.0) {
+        vec3 to = curve_point(curve, (j + 1.0) / count);
+        vec3 direction = single ? curve.c1 + curve.c2 + curve.c3 : to - from;
+        float t_max = single ? hit.t : min(hit.t * count - j, 1.0 + CHORD_SLACK);
+        if (intersect_chord(child, from, direction, j, count, t_max, hit)) {
+            return;
+        }
+        from = to;
+    }
+}
+
+uvec3 traversal_stack[STACK_SIZE];
+
+void closest_hit(Curve curve, inout Hit hit) {
+    vec3 chord = curve.c1 + curve.c2 + curve.c3;
+    bvec3 forward = greaterThanEqual(chord, vec3(0.0));
+    vec3 size = max(abs(chord), vec3(MIN_DIRECTION));
+    vec3 inverse_chord = 1.0 / mix(-size, size, forward);
+    vec3 outward = mix(vec3(-curve.inflation), vec3(curve.inflation), forward);
+    vec3 near_origin = curve.start + outward;
+    vec3 far_origin = curve.start - outward;
+    uvec3 near_plane = uvec3(0, 2, 4) + mix(uvec3(1), uvec3(0), forward);
+
+    uint top = 0;
+    uint child = scene_root();
+    float enter = 0.0;
+    float exit = hit.t;
+    while (true) {
+        if (child < CHILD_PRIMITIVE) {
+            uint bottom = top;
+            for (uint lane = 0; lane < 8; ++lane) {
+                vec3 entry = vec3(node_bound(child, near_plane.x, lane), node_bound(child, near_plane.y, lane), node_bound(child, near_plane.z, lane));
+                vec3 leave = vec3(node_bound(child, near_plane.x ^ 1, lane), node_bound(child, near_plane.y ^ 1, lane), node_bound(child, near_plane.z ^ 1, lane));
+                vec3 t_entry = (entry - near_origin) * inverse_chord;
+                vec3 t_leave = (leave - far_origin) * inverse_chord;
+                float near = max(max(t_entry.x, t_entry.y), max(t_entry.z, 0.0));
+                float far = min(min(t_leave.x, t_leave.y), min(t_leave.z, hit.t));
+                if (near <= far * (1.0 + 4.0 * 1.1920929e-7)) {
+                    // Insert so that the nearest child ends on top.
+                    uint at = top;
+                    while (at > bottom && uintBitsToFloat(traversal_stack[at - 1].y) < near) {
+                        traversal_stack[at] = traversal_stack[at - 1];
+                        --at;
+                    }
+                    traversal_stack[at] = uvec3(node_child(child, lane), floatBitsToUint(near), floatBitsToUint(far));
+                    ++top;
+                }
+            }
+        } else {
+            intersect_leaf(curve, child, enter, exit, hit);
+        }
+        do {
+            if (top == 0) {
+                return;
+            }
+            --top;
+            child = traversal_stack[top].x;
+            enter = uintBitsToFloat(traversal_stack[top].y);
+            exit = uintBitsToFloat(traversal_stack[top].z);
+        } while (enter > hit.t);
+    }
+}

@@ -1,0 +1,230 @@
+// One vertex of a path; documented in src/kernels/path.rs.
+
+struct PathState {
+    vec3 origin;
+    float width;
+    vec3 direction;
+    float spread;
+    vec3 throughput;
+    uint bounce;
+    vec3 radiance;
+    uvec2 media;
+};
+
+struct Arrival {
+    vec3 position;
+    uint primitive;
+    vec3 direction;
+    uint status;
+    float u;
+    float v;
+    float length;
+    float redshift;
+    uint steps;
+    uint chords;
+    float constraint_error;
+};
+
+struct Surface {
+    vec3 position;
+    vec3 normal_geometric;
+    vec3 normal_shading;
+    vec2 uv;
+    uint object;
+};
+
+#ifdef KERNEL_GENERATE
+PathState start_path(uint x, uint y, uint sample_index) {
+    uint seed = pixel_seed(x, y);
+    vec2 offset = sample_filter(SCENE.filter_kind, random_pair(seed, 0, sample_index));
+    vec2 film = vec2(float(x) + 0.5, float(y) + 0.5) + offset;
+    vec3 origin, direction;
+    camera_ray(film, random_pair(seed, 1, sample_index), origin, direction);
+    return PathState(origin, SCENE.cone_width, direction, SCENE.pixel_spread, vec3(1.0), 0u, vec3(0.0), uvec2(0));
+}
+#endif
+
+#ifdef KERNEL_SHADE
+vec3 vertex_normal(uint index) {
+    Vertex v = vertex_at(index);
+    return vec3(v.normal[0], v.normal[1], v.normal[2]);
+}
+
+vec2 vertex_uv(uint index) {
+    Vertex v = vertex_at(index);
+    return vec2(v.uv[0], v.uv[1]);
+}
+
+Surface surface_at(Arrival arrival) {
+    float u = arrival.u, v = arrival.v;
+    if ((arrival.primitive & HIT_PRIMITIVE) != 0) {
+        Primitive primitive = primitive_at(arrival.primitive & CHILD_INDEX);
+        vec3 normal = primitive_normal(primitive, arrival.position);
+        vec2 uv = primitive_uv(primitive, arrival.position, vec2(u, v));
+        vec3 position = arrival.position;
+        if (primitive.kind == PRIMITIVE_SPHERE) {
+            position = vec3(primitive.data[0], primitive.data[1], primitive.data[2]) + normal * primitive.data[3];
+        }
+        return Surface(position, normal, normal, uv, primitive.object);
+    }
+    uint block = arrival.primitive / 8;
+    uint lane = arrival.primitive % 8;
+    vec3 edge1 = block_edge1(block, lane), edge2 = block_edge2(block, lane);
+    Triangle triangle = triangle_at(block_triangle(block, lane));
+    uvec3 corners = uvec3(triangle.vertices[0], triangle.vertices[1], triangle.vertices[2]);
+    float w = 1.0 - u - v;
+    vec3 geometric = normalize(cross(edge1, edge2));
+    vec3 shading = vertex_normal(corners.x) * w + vertex_normal(corners.y) * u + vertex_normal(corners.z) * v;
+    float length2 = dot(shading, shading);
+    shading = length2 > 1e-12 ? shading * (1.0 / sqrt(length2)) : geometric;
+    vec3 position = block_vertex(block, lane) + edge1 * u + edge2 * v;
+    vec2 uv = vertex_uv(corners.x) * w + vertex_uv(corners.y) * u + vertex_uv(corners.z) * v;
+    return Surface(position, geometric, shading, uv, triangle.object);
+}
+
+uint media_top(uvec2 media) {
+    return media.x & 0xffffu;
+}
+
+uvec2 media_push(uvec2 media, uint id) {
+    return uvec2((media.x << 16) | id, (media.y << 16) | (media.x >> 16));
+}
+
+uvec2 media_remove(uvec2 media, uint id) {
+    uvec2 below = uvec2((media.x >> 16) | (media.y << 16), media.y >> 16);
+    if ((media.x & 0xffffu) == id) {
+        return below;
+    }
+    if (media.x >> 16 == id) {
+        return uvec2((media.x & 0xffffu) | (media.y << 16), media.y >> 16);
+    }
+    if ((media.y & 0xffffu) == id) {
+        return uvec2(media.x, media.y >> 16);
+    }
+    if (media.y >> 16 == id) {
+        return uvec2(media.x, media.y & 0xffffu);
+    }
+    return media;
+}
+
+float media_ior(uint id) {
+    return id == 0 ? 1.0 : material_at(id - 1).ior;
+}
+
+vec3 base_color_at(Material material, vec2 uv) {
+    return material.base_texture == NO_INDEX ? material.base_color : material.base_color * sample_texture(material.base_texture, uv).xyz;
+}
+
+float roughness_at(Material material, vec2 uv) {
+    return material.roughness_texture == NO_INDEX ? material.roughness : material.roughness * sample_texture(material.roughness_texture, uv).y;
+}
+
+vec3 emission_at(Material material, vec2 uv) {
+    return material.emission_texture == NO_INDEX ? material.emission : material.emission * sample_texture(material.emission_texture, uv).xyz;
+}
+#endif
+
+#ifdef KERNEL_ESCAPE
+void escape(inout PathState path, Arrival arrival) {
+    if (arrival.status == STATUS_ESCAPED) {
+        path.radiance += path.throughput * environment_radiance(arrival.direction);
+    }
+}
+#endif
+
+#ifdef KERNEL_SHADE
+bool shade(uint seed, uint sample_index, Surface surface, inout PathState path, Arrival arrival) {
+    uint material_id = object_material(surface.object);
+    Material material = material_at(material_id);
+
+    // Absorb inside the dielectric that the ray crossed.
+    uint inside = media_top(path.media);
+    if (inside != 0) {
+        path.throughput *= exp(-material_at(inside - 1).absorption * arrival.length);
+    }
+
+    // Count emission, on the outer side or on both.
+    vec3 wo = -arrival.direction;
+    bool outside = dot(surface.normal_geometric, wo) > 0.0;
+    if (outside || (material.flags & MATERIAL_TWO_SIDED) != 0) {
+        path.radiance += path.throughput * emission_at(material, surface.uv);
+    }
+    if (material.kind == MATERIAL_EMISSIVE || path.bounce >= SCENE.max_depth) {
+        return false;
+    }
+
+    // Turn the normals to the side the ray came from.
+    vec3 geometric = outside ? surface.normal_geometric : -surface.normal_geometric;
+    vec3 normal = surface.normal_shading;
+    normal = dot(normal, geometric) < 0.0 ? -normal : normal;
+    normal = dot(normal, wo) < 1e-4 ? geometric : normal;
+    vec3 wo_local = frame_from_world(normal, wo);
+
+    // Resolve the surface's scattering.
+    float roughness = roughness_at(material, surface.uv);
+    Bsdf bsdf = Bsdf(base_color_at(material, surface.uv), material.kind, max(roughness * roughness, MIN_ALPHA), 1.0, 1.0);
+    uvec2 media_beyond = outside ? media_push(path.media, material_id + 1) : media_remove(path.media, material_id + 1);
+    if (material.kind == MATERIAL_METALLIC) {
+        bsdf.albedo = ggx_albedo(wo_local.z, roughness);
+    }
+    if (material.kind == MATERIAL_DIELECTRIC) {
+        float before = outside ? media_ior(inside) : material.ior;
+        bsdf.eta = media_ior(media_top(media_beyond)) / before;
+        bsdf.alpha = roughness == 0.0 || bsdf.eta == 1.0 ? 0.0 : bsdf.alpha;
+    }
+
+    // Draw a direction from the mixture.
+    uint first = CAMERA_PAIRS + path.bounce * BOUNCE_PAIRS;
+    vec2 strategy = random_pair(seed, first, sample_index);
+    vec2 direction = random_pair(seed, first + 1, sample_index);
+    vec2 lobe = random_pair(seed, first + 2, sample_index);
+    float share = SCENE.light_count == 0 || is_delta(bsdf) ? 0.0 : light_share(bsdf, SCENE.light_share);
+    BsdfSample drawn = sample_bsdf(bsdf, wo_local, direction, lobe.x);
+    vec3 wi = world_from_frame(normal, drawn.wi);
+    vec3 weight = drawn.weight;
+    if (share > 0.0) {
+        Light light = light_at(choose_light(strategy.y));
+        if (strategy.x < share) {
+            wi = sample_light(light, surface.position, direction);
+        }
+        float pdf;
+        vec3 value = evaluate_bsdf(bsdf, wo_local, frame_from_world(normal, wi), pdf);
+        float density = share * light_pdf(light, surface.position, wi) + (1.0 - share) * pdf;
+        weight = density > 0.0 ? value * (1.0 / density) : vec3(0.0);
+    }
+
+    // The geometry must agree on whether the direction reflects or transmits.
+    bool reflects = dot(wi, normal) > 0.0;
+    if ((dot(wi, geometric) > 0.0) != reflects) {
+        return false;
+    }
+    path.throughput *= weight;
+    if (!reflects) {
+        path.media = media_beyond;
+    }
+
+    // Russian roulette.
+    float strongest = max(path.throughput.x, max(path.throughput.y, path.throughput.z));
+    if (!(strongest > 0.0)) {
+        return false;
+    }
+    if (path.bounce + 1 >= ROULETTE_BOUNCE) {
+        float survival = min(strongest, MAX_SURVIVAL);
+        if (lobe.y >= survival) {
+            return false;
+        }
+        path.throughput *= 1.0 / survival;
+    }
+
+    // Leave the surface.
+    vec3 size = abs(surface.position);
+    float offset = ORIGIN_OFFSET * max(size.x, max(size.y, size.z)) + SCENE.origin_offset;
+    path.origin = surface.position + geometric * (reflects ? offset : -offset);
+    path.direction = wi;
+    path.width += path.spread * arrival.length;
+    float scatter = material.kind == MATERIAL_DIFFUSE ? 1.0 : min(bsdf.alpha, 1.0);
+    path.spread = max(path.spread, DIFFUSE_SPREAD * scatter);
+    path.bounce += 1;
+    return true;
+}
+#endif

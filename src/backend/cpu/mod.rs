@@ -1,0 +1,367 @@
+//! The CPU backend: a wavefront over bands of pixels on a pool of threads, registers of lanes inside.
+
+pub mod advance;
+
+use super::{Backend, KernelTiming, Precision, TraceOptions, TraceRay, TraceResult, widen};
+use crate::error::{Error, Result};
+use crate::film::{Film, PixelSum, Statistics, add_sample};
+use crate::kernels::bvh::{EMPTY_STACK, TraversalStack};
+use crate::kernels::constants::*;
+use crate::kernels::integrator::ModelBlock;
+use crate::kernels::layout::{Aov, SceneParameters};
+use crate::kernels::path::*;
+use crate::kernels::rng::pixel_seed;
+use crate::kernels::view::SceneView;
+use crate::spacetime::{ModelKind, PowerGravity, Schwarzschild, ThesisGravity};
+use crate::world::{Reach, World};
+use advance::{Course, Landing, Launch, Scalar, advance_curved, advance_straight};
+use fearless_simd::{Level, dispatch, f32x16, f64x8};
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// Pixels of one unit of work: their paths fit the second-level cache.
+const BATCH: usize = 1024;
+/// Rows of a batch, so that its rays stay close together.
+const BATCH_ROWS: usize = 8;
+
+/// Stages whose time is reported.
+const STAGES: [&str; 3] = ["generate", "advance", "shade"];
+
+/// Renders on the processor.
+pub struct CpuBackend {
+    pool: rayon::ThreadPool,
+    level: Level,
+    world: Option<Arc<World>>,
+    models: (ModelBlock<f32>, ModelBlock<f64>),
+    precision: Precision,
+    film: Film,
+    stage_nanos: [AtomicU64; 3],
+    batches: AtomicU64,
+}
+
+/// Rays that can be advanced, in both precisions.
+trait Advance: Scalar {
+    fn model(models: &(ModelBlock<f32>, ModelBlock<f64>)) -> &ModelBlock<Self>;
+
+    /// Traces `count` rays through whatever model the world has, with the widest registers there are.
+    fn advance(
+        level: Level,
+        kind: ModelKind,
+        course: &Course<Self>,
+        stack: &mut TraversalStack,
+        count: usize,
+        launch: impl Fn(usize) -> Launch<Self>,
+        land: impl FnMut(usize, Landing<Self>),
+    );
+}
+
+macro_rules! advance_in {
+    ($real:ident, $vector:ident, $field:tt) => {
+        impl Advance for $real {
+            fn model(models: &(ModelBlock<f32>, ModelBlock<f64>)) -> &ModelBlock<$real> {
+                &models.$field
+            }
+
+            fn advance(
+                level: Level,
+                kind: ModelKind,
+                course: &Course<$real>,
+                stack: &mut TraversalStack,
+                count: usize,
+                launch: impl Fn(usize) -> Launch<$real>,
+                land: impl FnMut(usize, Landing<$real>),
+            ) {
+                match kind {
+                    ModelKind::Flat => dispatch!(level, simd => advance_straight(simd, course, stack, count, launch, land)),
+                    ModelKind::ThesisGravity => {
+                        dispatch!(level, simd => advance_curved::<ThesisGravity, $vector<_>, _, _>(simd, simd, course, stack, count, launch, land))
+                    }
+                    ModelKind::PowerGravity => {
+                        dispatch!(level, simd => advance_curved::<PowerGravity, $vector<_>, _, _>(simd, simd, course, stack, count, launch, land))
+                    }
+                    ModelKind::Schwarzschild => {
+                        dispatch!(level, simd => advance_curved::<Schwarzschild, $vector<_>, _, _>(simd, simd, course, stack, count, launch, land))
+                    }
+                }
+            }
+        }
+    };
+}
+advance_in!(f32, f32x16, 0);
+advance_in!(f64, f64x8, 1);
+
+impl CpuBackend {
+    /// A backend on `threads` threads, or on every core.
+    pub fn new(threads: Option<usize>) -> Result<CpuBackend> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.unwrap_or(0))
+            .build()
+            .map_err(|e| Error::Usage { argument: "--threads".into(), reason: e.to_string() })?;
+        Ok(CpuBackend {
+            pool,
+            level: Level::new(),
+            world: None,
+            models: Default::default(),
+            precision: Precision::F32,
+            film: Film::new(0, 0, 0),
+            stage_nanos: Default::default(),
+            batches: AtomicU64::new(0),
+        })
+    }
+
+    fn world(&self) -> Result<Arc<World>> {
+        self.world.clone().ok_or_else(|| Error::World("no scene was uploaded".into()))
+    }
+
+    fn accumulate_in<T: Advance>(&mut self, rows: Range<u32>, samples: Range<u32>) -> Result<()> {
+        let world = self.world()?;
+        let width = self.film.width as usize;
+        let band = BATCH_ROWS * width;
+        let span = rows.start as usize * width..rows.end as usize * width;
+        let shared = Shared {
+            view: world.view(),
+            kind: world.model,
+            model: T::model(&self.models),
+            level: self.level,
+            first_row: rows.start,
+            width,
+            first_sample: self.film.first_sample,
+            samples,
+            nanos: &self.stage_nanos,
+            batches: &self.batches,
+        };
+        let film = &mut self.film;
+        let (sums, counts, aovs) = (&mut film.sums[span.clone()], &mut film.counts[span.clone()], &mut film.aovs[span]);
+        let statistics: Statistics = self.pool.install(|| {
+            sums.par_chunks_mut(band)
+                .zip(counts.par_chunks_mut(band))
+                .zip(aovs.par_chunks_mut(band))
+                .enumerate()
+                .map(|(i, ((sums, counts), aovs))| shared.render_band(i, sums, counts, aovs))
+                .reduce(Statistics::default, |mut a, b| {
+                    a.add(b);
+                    a
+                })
+        });
+        self.film.statistics.add(statistics);
+        Ok(())
+    }
+
+    fn trace_in<T: Advance>(&mut self, rays: &[TraceRay], options: TraceOptions, reach: Reach) -> Result<Vec<TraceResult>> {
+        let world = self.world()?;
+        let origins: Vec<[f64; 3]> = rays.iter().map(|r| r.origin).collect();
+        let scene: SceneParameters = world.trace_parameters(&origins, reach, options.tolerance);
+        let course = Course { view: world.view(), scene: &scene, model: T::model(&self.models), length: options.length };
+        let gravity = matches!(world.model, ModelKind::ThesisGravity | ModelKind::PowerGravity);
+        let level = self.level;
+        let trace_chunk = |rays: &[TraceRay]| {
+            let mut results: Vec<Option<TraceResult>> = vec![None; rays.len()];
+            let launch = |i: usize| {
+                let d = rays[i].direction;
+                let size = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+                Launch {
+                    origin: rays[i].origin.map(T::from_f64),
+                    direction: d.map(|c| T::from_f64(c / size)),
+                    speed: T::from_f64(if gravity { size } else { 1.0 }),
+                    width: 1.0,
+                    spread: 0.0,
+                }
+            };
+            let mut stack = EMPTY_STACK;
+            T::advance(level, world.model, &course, &mut stack, rays.len(), launch, |i, landing| {
+                results[i] = Some(TraceResult {
+                    arrival: landing.arrival,
+                    position: widen(landing.position),
+                    direction: widen(landing.direction),
+                    velocity: widen(landing.velocity),
+                });
+            });
+            results.into_iter().flatten().collect::<Vec<_>>()
+        };
+        Ok(self.pool.install(|| rays.par_chunks(BATCH).flat_map_iter(trace_chunk).collect()))
+    }
+}
+
+/// What the workers of one call share.
+struct Shared<'a, T> {
+    view: SceneView<'a>,
+    kind: ModelKind,
+    model: &'a ModelBlock<T>,
+    level: Level,
+    first_row: u32,
+    width: usize,
+    first_sample: u32,
+    samples: Range<u32>,
+    nanos: &'a [AtomicU64; 3],
+    batches: &'a AtomicU64,
+}
+
+/// Scratch space of a worker.
+struct Scratch {
+    paths: Vec<PathState>,
+    arrivals: Vec<Option<Arrival>>,
+    stack: TraversalStack,
+}
+
+impl<T: Advance> Shared<'_, T> {
+    /// Renders all samples of one band of rows.
+    fn render_band(&self, band: usize, sums: &mut [PixelSum], counts: &mut [u32], aovs: &mut [Aov]) -> Statistics {
+        let mut statistics = Statistics::default();
+        let rows = sums.len() / self.width;
+        let columns = (BATCH / rows).max(1);
+        let mut scratch = Scratch { paths: Vec::with_capacity(BATCH), arrivals: Vec::with_capacity(BATCH), stack: EMPTY_STACK };
+        for first in (0..self.width).step_by(columns) {
+            let columns = columns.min(self.width - first);
+            let pixels: Vec<(u32, u32)> = (0..rows * columns)
+                .map(|i| ((first + i % columns) as u32, self.first_row + (band * BATCH_ROWS + i / columns) as u32))
+                .collect();
+            for sample in self.samples.clone() {
+                self.render_batch(&pixels, sample, &mut scratch, &mut statistics, |i, radiance, aov| {
+                    let at = (i / columns) * self.width + first + i % columns;
+                    if let Some(aov) = aov {
+                        aovs[at] = aov;
+                    }
+                    counts[at] += 1;
+                    add_sample(&mut sums[at], radiance)
+                });
+            }
+        }
+        statistics
+    }
+
+    /// Renders one sample of each pixel and hands the radiance to `resolve`.
+    fn render_batch(
+        &self,
+        pixels: &[(u32, u32)],
+        sample: u32,
+        scratch: &mut Scratch,
+        statistics: &mut Statistics,
+        mut resolve: impl FnMut(usize, [f32; 3], Option<Aov>) -> bool,
+    ) {
+        let view = &self.view;
+        let course = Course { view: *view, scene: view.scene, model: self.model, length: None };
+        let mut clock = StageClock::new();
+        scratch.paths.clear();
+        scratch.paths.extend(pixels.iter().map(|&(x, y)| start_path(view, x, y, sample)));
+        let mut nanos = [clock.lap(), 0, 0];
+        let mut active: Vec<u32> = (0..pixels.len() as u32).collect();
+        let mut first_aovs: Vec<Option<Aov>> = Vec::new();
+        let wants_aovs = sample == self.first_sample;
+        while !active.is_empty() {
+            statistics.rays += active.len() as u64;
+            scratch.arrivals.clear();
+            scratch.arrivals.resize(active.len(), None);
+            let (paths, arrivals) = (&scratch.paths, &mut scratch.arrivals);
+            let launch = |i: usize| {
+                let path = &paths[active[i] as usize];
+                let convert = |v: glam::Vec3| v.to_array().map(|c| T::from_f64(f64::from(c)));
+                Launch {
+                    origin: convert(path.origin),
+                    direction: convert(path.direction),
+                    speed: T::from_f64(1.0),
+                    width: path.width,
+                    spread: path.spread,
+                }
+            };
+            T::advance(self.level, self.kind, &course, &mut scratch.stack, active.len(), launch, |i, landing| {
+                arrivals[i] = Some(landing.arrival);
+            });
+            nanos[1] += clock.lap();
+            let mut slot = 0;
+            active.retain(|&index| {
+                let arrival = scratch.arrivals[slot];
+                slot += 1;
+                // Every launched ray lands.
+                let Some(arrival) = arrival else { return false };
+                let path = &mut scratch.paths[index as usize];
+                let (x, y) = pixels[index as usize];
+                if arrival.status != STATUS_HIT {
+                    statistics.exhausted += u64::from(arrival.status == STATUS_EXHAUSTED);
+                    if wants_aovs && path.bounce == 0 {
+                        first_aovs.push(Some(miss_aov(&arrival)));
+                    }
+                    escape(view, path, &arrival);
+                    return false;
+                }
+                let surface = surface_at(view, &arrival);
+                if wants_aovs && path.bounce == 0 {
+                    first_aovs.push(Some(hit_aov(view, &surface, &arrival)));
+                }
+                shade(view, pixel_seed(x, y), sample, &surface, path, &arrival)
+            });
+            nanos[2] += clock.lap();
+        }
+        for (i, path) in scratch.paths.iter().enumerate() {
+            let aov = first_aovs.get(i).copied().flatten();
+            if !resolve(i, path.radiance.into(), aov) {
+                statistics.invalid += 1;
+            }
+        }
+        for (total, own) in self.nanos.iter().zip(nanos) {
+            total.fetch_add(own, Ordering::Relaxed);
+        }
+        self.batches.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// Measures consecutive stages.
+struct StageClock(Instant);
+
+impl StageClock {
+    fn new() -> Self {
+        StageClock(Instant::now())
+    }
+    fn lap(&mut self) -> u64 {
+        let now = Instant::now();
+        let nanos = (now - self.0).as_nanos() as u64;
+        self.0 = now;
+        nanos
+    }
+}
+
+impl Backend for CpuBackend {
+    fn name(&self) -> String {
+        format!("cpu, {} threads, {}", self.pool.current_num_threads(), level_name(self.level))
+    }
+
+    fn upload(&mut self, world: Arc<World>, precision: Precision, first_sample: u32) -> Result<()> {
+        self.film = Film::new(world.scene.film_width, world.scene.film_height, first_sample);
+        self.models = (world.model_block(), world.model_block());
+        self.precision = precision;
+        self.world = Some(world);
+        Ok(())
+    }
+
+    fn accumulate(&mut self, rows: Range<u32>, samples: Range<u32>) -> Result<()> {
+        match self.precision {
+            Precision::F32 => self.accumulate_in::<f32>(rows, samples),
+            Precision::F64 => self.accumulate_in::<f64>(rows, samples),
+        }
+    }
+
+    fn film(&mut self) -> Result<Film> {
+        Ok(self.film.clone())
+    }
+
+    fn trace(&mut self, rays: &[TraceRay], options: TraceOptions) -> Result<Vec<TraceResult>> {
+        match self.precision {
+            Precision::F32 => self.trace_in::<f32>(rays, options, Reach::Picture),
+            Precision::F64 => self.trace_in::<f64>(rays, options, Reach::Exact),
+        }
+    }
+
+    fn timings(&mut self) -> Vec<KernelTiming> {
+        let count = self.batches.swap(0, Ordering::Relaxed);
+        let threads = self.pool.current_num_threads() as u64;
+        let time = |nanos: &AtomicU64| Duration::from_nanos(nanos.swap(0, Ordering::Relaxed) / threads);
+        STAGES.iter().zip(&self.stage_nanos).map(|(name, n)| KernelTiming { kernel: (*name).into(), count, time: time(n) }).collect()
+    }
+}
+
+/// Instruction set in words.
+fn level_name(level: Level) -> &'static str {
+    dispatch!(level, simd => std::any::type_name_of_val(&simd)).rsplit("::").next().unwrap_or("scalar")
+}

@@ -1,0 +1,166 @@
+//! Every constant both backends share. `build.rs` writes the same names into `constants.glsl`.
+
+macro_rules! constants {
+    (uint { $($(#[$um:meta])* $un:ident = $uv:expr;)* } float { $($(#[$fm:meta])* $fname:ident = $fv:expr;)* } real { $($(#[$rm:meta])* $rn:ident = $rv:expr;)* }) => {
+        $($(#[$um])* pub const $un: u32 = $uv;)*
+        $($(#[$fm])* pub const $fname: f32 = $fv;)*
+        $($(#[$rm])* pub const $rn: f64 = $rv;)*
+        /// Unsigned constants by name.
+        pub const UINTS: &[(&str, u32)] = &[$((stringify!($un), $un)),*];
+        /// Single-precision constants by name.
+        pub const FLOATS: &[(&str, f32)] = &[$((stringify!($fname), $fname)),*];
+        /// Constants in the precision of the integrator by name.
+        pub const REALS: &[(&str, f64)] = &[$((stringify!($rn), $rn)),*];
+    };
+}
+
+constants! {
+    uint {
+        /// Marks an index that names nothing.
+        NO_INDEX = 0xffff_ffff;
+        /// Threads per workgroup of every kernel.
+        WORKGROUP_SIZE = 64;
+
+        /// The ray is still on its way.
+        STATUS_FLYING = 0;
+        /// The ray met a surface.
+        STATUS_HIT = 1;
+        /// The ray left the bending region for good.
+        STATUS_ESCAPED = 2;
+        /// The ray fell into a horizon or a singular source.
+        STATUS_CAPTURED = 3;
+        /// The ray ran out of steps.
+        STATUS_EXHAUSTED = 4;
+
+        /// BVH child: a block of triangles; the low bits are its index.
+        CHILD_BLOCK = 0x8000_0000;
+        /// BVH child: one analytic primitive; the low bits are its index.
+        CHILD_PRIMITIVE = 0x4000_0000;
+        /// Low bits of a BVH child.
+        CHILD_INDEX = 0x3fff_ffff;
+        /// Entries of the traversal stack; the builder proves that no tree needs more.
+        STACK_SIZE = 96;
+        /// Hit on an analytic primitive rather than a triangle.
+        HIT_PRIMITIVE = 0x8000_0000;
+
+        /// Kinds of analytic primitive.
+        PRIMITIVE_SPHERE = 0;
+        PRIMITIVE_QUAD = 1;
+        PRIMITIVE_BOX = 2;
+
+        /// Kinds of material.
+        MATERIAL_DIFFUSE = 0;
+        MATERIAL_METALLIC = 1;
+        MATERIAL_DIELECTRIC = 2;
+        MATERIAL_EMISSIVE = 3;
+        /// Material flag: emits on both sides of a surface.
+        MATERIAL_TWO_SIDED = 1;
+
+        /// Kinds of light.
+        LIGHT_SPHERE = 0;
+        LIGHT_QUAD = 1;
+        LIGHT_TRIANGLE = 2;
+        LIGHT_ENVIRONMENT = 3;
+
+        /// Kinds of environment.
+        ENVIRONMENT_CONSTANT = 0;
+        ENVIRONMENT_GRADIENT = 1;
+        ENVIRONMENT_GRID = 2;
+        ENVIRONMENT_IMAGE = 3;
+
+        /// Kinds of camera.
+        CAMERA_PERSPECTIVE = 0;
+        CAMERA_PANORAMA = 1;
+
+        /// Pixel filters.
+        FILTER_BOX = 0;
+        FILTER_GAUSSIAN = 1;
+
+        /// Integrators.
+        METHOD_EULER = 0;
+        METHOD_NYSTROM = 1;
+
+        /// Random pairs drawn for a camera ray: film, lens.
+        CAMERA_PAIRS = 2;
+        /// Random pairs drawn at a bounce: strategy, direction, roulette and lobe.
+        BOUNCE_PAIRS = 3;
+        /// First bounce at which Russian roulette may end a path.
+        ROULETTE_BOUNCE = 3;
+        /// Side of the table of GGX directional albedo, by cosine and by roughness.
+        ALBEDO_SIZE = 32;
+        /// Most chords one integration step is cut into.
+        MAX_CHORDS = 32;
+        /// 16-bit fields of the stack of dielectrics a path is inside of.
+        MEDIA_DEPTH = 4;
+        /// 2^24: the film's fixed-point unit is 2^-24.
+        FILM_FRACTION_BITS = 24;
+    }
+    float {
+        PI = std::f32::consts::PI;
+        INV_PI = std::f32::consts::FRAC_1_PI;
+        TAU = std::f32::consts::TAU;
+        /// A distance no scene reaches.
+        FAR = 1e30;
+        /// Ray origins leave the surface by this share of their coordinates.
+        ORIGIN_OFFSET = 1e-5;
+        /// Smallest GGX alpha: below it a lobe is a mirror in f32.
+        MIN_ALPHA = 1e-3;
+        /// GGX alpha from which on half of the samples go towards lights.
+        LIGHT_ALPHA = 0.25;
+        /// Largest share of samples that go towards lights.
+        LIGHT_SHARE = 0.5;
+        /// Spread of a ray cone after a diffuse bounce, radians.
+        DIFFUSE_SPREAD = 0.02;
+        /// Largest radiance one sample may add to the film, so that its 64-bit fixed-point sums hold 2^20 such samples.
+        MAX_RADIANCE = 1048576.0;
+        /// Largest luminance whose square enters the film's second moment, so that its sums hold 2^16 such samples.
+        MAX_MOMENT_LUMINANCE = 4096.0;
+        /// Largest probability with which Russian roulette lets a path live.
+        MAX_SURVIVAL = 0.95;
+        /// Barycentric slack that closes the seams between neighbouring triangles.
+        TRIANGLE_SLACK = 5e-7;
+        /// Share by which a chord reaches past its end, so that no gap opens between chords.
+        CHORD_SLACK = 1e-6;
+        /// Smallest component of a direction in slab tests.
+        MIN_DIRECTION = 1e-20;
+        /// Standard deviation of the Gaussian pixel filter, pixels.
+        FILTER_SIGMA = 0.45;
+        /// Radius at which the Gaussian pixel filter is cut off, pixels.
+        FILTER_RADIUS = 1.5;
+    }
+    real {
+        /// Nodes and weights of RKN4(3)4FM (Dormand, El-Mikkawy and Prince 1987).
+        RKN_C1 = 1.0 / 4.0;
+        RKN_C2 = 7.0 / 10.0;
+        RKN_A10 = 1.0 / 32.0;
+        RKN_A20 = 7.0 / 1000.0;
+        RKN_A21 = 119.0 / 500.0;
+        RKN_B0 = 1.0 / 14.0;
+        RKN_B1 = 8.0 / 27.0;
+        RKN_B2 = 25.0 / 189.0;
+        RKN_V0 = 1.0 / 14.0;
+        RKN_V1 = 32.0 / 81.0;
+        RKN_V2 = 250.0 / 567.0;
+        RKN_V3 = 5.0 / 54.0;
+        /// Weights of the embedded third-order solution, subtracted from those above.
+        RKN_E0 = 1.0 / 14.0 + 7.0 / 150.0;
+        RKN_E1 = 8.0 / 27.0 - 67.0 / 150.0;
+        RKN_E2 = 25.0 / 189.0 - 3.0 / 20.0;
+        RKN_E3 = 1.0 / 20.0;
+        RKN_F0 = 1.0 / 14.0 - 13.0 / 21.0;
+        RKN_F1 = 32.0 / 81.0 + 20.0 / 27.0;
+        RKN_F2 = 250.0 / 567.0 - 275.0 / 189.0;
+        RKN_F3 = 5.0 / 54.0 + 1.0 / 3.0;
+        /// Safety factor and limits of the step control.
+        STEP_SAFETY = 0.9;
+        STEP_SHRINK = 0.2;
+        STEP_GROW = 3.0;
+        /// First step, as a share of the local radius of curvature.
+        FIRST_STEP = 0.3;
+        /// How far inside the bending region a ray that enters it is put, as a share of its radius.
+        REGION_MARGIN = 1e-6;
+        /// Smallest tolerance, as a share of the coordinates: below it rounding is all there is.
+        TOLERANCE_FLOOR_F32 = 3e-8;
+        TOLERANCE_FLOOR_F64 = 1e-15;
+    }
+}

@@ -1,0 +1,17 @@
+//! The kernels: one algorithm in two languages. Every file has a twin of the same stem in `shaders/` with the same functions.
+
+pub mod bvh;
+pub mod camera;
+pub mod clearance;
+pub mod constants;
+pub mod integrator;
+pub mod layout;
+pub mod light;
+pub mod material;
+pub mod path;
+pub mod primitive;
+pub mod rng;
+pub mod sampling;
+pub mod texture;
+pub mod triangle;
+pub mod view;

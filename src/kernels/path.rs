@@ -1,0 +1,333 @@
+//! One vertex of a path: what was hit, what it emits, where the path goes on.
+//!
+//! The next direction is drawn from a mixture of the surface's lobes and of directions towards one light chosen at random, and
+//! weighted by the mixture's density for *that* light (one-sample mixture, unbiased for every choice). Emission is
+//! therefore always counted in full where a path meets it, and nothing needs to know whether the ray in between was straight.
+
+use super::camera::{camera_ray, sample_filter};
+use super::constants::*;
+use super::layout::{Aov, Material, Vertex};
+use super::light::{choose_light, environment_radiance, light_pdf, sample_light};
+use super::material::{Bsdf, evaluate_bsdf, ggx_albedo, is_delta, light_share, sample_bsdf};
+use super::primitive::{primitive_normal, primitive_uv};
+use super::rng::{pixel_seed, random_pair};
+use super::sampling::{frame_from_world, world_from_frame};
+use super::texture::sample_texture;
+use super::view::SceneView;
+use glam::{Vec2, Vec3, vec2, vec3};
+
+/// A path between two rays.
+#[derive(Clone, Copy, Debug)]
+pub struct PathState {
+    /// Where the next ray starts.
+    pub origin: Vec3,
+    /// Width of the ray's cone there.
+    pub width: f32,
+    /// Unit direction of the next ray.
+    pub direction: Vec3,
+    /// Growth of the cone [radians].
+    pub spread: f32,
+    /// Factor on whatever the path meets.
+    pub throughput: Vec3,
+    /// Scattering events so far.
+    pub bounce: u32,
+    /// Radiance gathered so far.
+    pub radiance: Vec3,
+    /// Dielectrics the path is inside of: material + 1 in 16-bit fields, the innermost lowest.
+    pub media: [u32; 2],
+}
+
+/// Where a ray ended.
+#[derive(Clone, Copy, Debug)]
+pub struct Arrival {
+    /// End point.
+    pub position: Vec3,
+    /// What was hit, see [`super::bvh::Hit`].
+    pub primitive: u32,
+    /// Unit direction of travel at the end, or at infinity if escaped.
+    pub direction: Vec3,
+    /// `STATUS_*`.
+    pub status: u32,
+    /// Surface coordinate of the hit.
+    pub u: f32,
+    /// Surface coordinate of the hit.
+    pub v: f32,
+    /// Coordinate length of the ray.
+    pub length: f32,
+    /// Frequency at the start over frequency at the end, for static observers and light travelling back along the ray.
+    pub redshift: f32,
+    /// Integration steps.
+    pub steps: u32,
+    /// Chords that were handed to the BVH.
+    pub chords: u32,
+    /// Largest relative drift of |p| from n.
+    pub constraint_error: f32,
+}
+
+/// A point of a surface.
+#[derive(Clone, Copy, Debug)]
+pub struct Surface {
+    /// Position, recomputed on the surface itself.
+    pub position: Vec3,
+    /// Outward unit normal of the geometry.
+    pub normal_geometric: Vec3,
+    /// Interpolated unit normal.
+    pub normal_shading: Vec3,
+    /// Texture coordinates.
+    pub uv: Vec2,
+    /// Index into the objects.
+    pub object: u32,
+}
+
+/// A camera path for sample `sample_index` of pixel (x, y).
+pub fn start_path(view: &SceneView, x: u32, y: u32, sample_index: u32) -> PathState {
+    let scene = view.scene;
+    let seed = pixel_seed(x, y);
+    let offset = sample_filter(scene.filter_kind, random_pair(seed, 0, sample_index));
+    let film = vec2(x as f32 + 0.5, y as f32 + 0.5) + offset;
+    let (origin, direction) = camera_ray(scene, film, random_pair(seed, 1, sample_index));
+    PathState {
+        origin,
+        width: scene.cone_width,
+        direction,
+        spread: scene.pixel_spread,
+        throughput: Vec3::ONE,
+        bounce: 0,
+        radiance: Vec3::ZERO,
+        media: [0; 2],
+    }
+}
+
+fn vertex_normal(vertex: &Vertex) -> Vec3 {
+    Vec3::from(vertex.normal)
+}
+
+fn vertex_uv(vertex: &Vertex) -> Vec2 {
+    Vec2::from(vertex.uv)
+}
+
+/// Geometry at a hit.
+pub fn surface_at(view: &SceneView, arrival: &Arrival) -> Surface {
+    let (u, v) = (arrival.u, arrival.v);
+    if arrival.primitive & HIT_PRIMITIVE != 0 {
+        let primitive = view.primitive(arrival.primitive & CHILD_INDEX);
+        let normal = primitive_normal(primitive, arrival.position);
+        let uv = primitive_uv(primitive, arrival.position, vec2(u, v));
+        // A far hit on a sphere has lost digits: put it back on the sphere.
+        let d = &primitive.data;
+        let position = if primitive.kind == PRIMITIVE_SPHERE { vec3(d[0], d[1], d[2]) + normal * d[3] } else { arrival.position };
+        return Surface { position, normal_geometric: normal, normal_shading: normal, uv, object: primitive.object };
+    }
+    let block = view.block(arrival.primitive / 8);
+    let lane = (arrival.primitive % 8) as usize;
+    let at = |a: &[[f32; 8]; 3]| vec3(a[0][lane], a[1][lane], a[2][lane]);
+    let (edge1, edge2) = (at(&block.edge1), at(&block.edge2));
+    let triangle = view.triangle(block.triangle[lane]);
+    let corners = triangle.vertices.map(|i| *view.vertex(i));
+    let w = 1.0 - u - v;
+    let geometric = edge1.cross(edge2).normalize();
+    let mut shading = vertex_normal(&corners[0]) * w + vertex_normal(&corners[1]) * u + vertex_normal(&corners[2]) * v;
+    let length2 = shading.length_squared();
+    shading = if length2 > 1e-12 { shading * (1.0 / length2.sqrt()) } else { geometric };
+    Surface {
+        position: at(&block.vertex) + edge1 * u + edge2 * v,
+        normal_geometric: geometric,
+        normal_shading: shading,
+        uv: vertex_uv(&corners[0]) * w + vertex_uv(&corners[1]) * u + vertex_uv(&corners[2]) * v,
+        object: triangle.object,
+    }
+}
+
+/// Innermost dielectric: its object material + 1, 0 in vacuum.
+pub fn media_top(media: [u32; 2]) -> u32 {
+    media[0] & 0xffff
+}
+
+/// Enters dielectric `id`; the outermost of more than four is forgotten.
+pub fn media_push(media: [u32; 2], id: u32) -> [u32; 2] {
+    [(media[0] << 16) | id, (media[1] << 16) | (media[0] >> 16)]
+}
+
+/// Leaves dielectric `id`, wherever in the stack it is.
+pub fn media_remove(media: [u32; 2], id: u32) -> [u32; 2] {
+    let below = [(media[0] >> 16) | (media[1] << 16), media[1] >> 16];
+    if media[0] & 0xffff == id {
+        return below;
+    }
+    if media[0] >> 16 == id {
+        return [(media[0] & 0xffff) | (media[1] << 16), media[1] >> 16];
+    }
+    if media[1] & 0xffff == id {
+        return [media[0], media[1] >> 16];
+    }
+    if media[1] >> 16 == id {
+        return [media[0], media[1] & 0xffff];
+    }
+    media
+}
+
+/// Refractive index of dielectric `id`, 1 for vacuum.
+pub fn media_ior(view: &SceneView, id: u32) -> f32 {
+    if id == 0 { 1.0 } else { view.materials[id as usize - 1].ior }
+}
+
+/// Colour of a material at `uv`.
+pub fn base_color_at(view: &SceneView, material: &Material, uv: Vec2) -> Vec3 {
+    let color = Vec3::from(material.base_color);
+    if material.base_texture == NO_INDEX {
+        return color;
+    }
+    let texel = sample_texture(view, material.base_texture, uv);
+    color * vec3(texel.x, texel.y, texel.z)
+}
+
+/// Roughness of a material at `uv` (the green channel of its texture, as in glTF).
+pub fn roughness_at(view: &SceneView, material: &Material, uv: Vec2) -> f32 {
+    if material.roughness_texture == NO_INDEX {
+        return material.roughness;
+    }
+    material.roughness * sample_texture(view, material.roughness_texture, uv).y
+}
+
+/// Radiance a material emits at `uv`.
+pub fn emission_at(view: &SceneView, material: &Material, uv: Vec2) -> Vec3 {
+    let emission = Vec3::from(material.emission);
+    if material.emission_texture == NO_INDEX {
+        return emission;
+    }
+    let texel = sample_texture(view, material.emission_texture, uv);
+    emission * vec3(texel.x, texel.y, texel.z)
+}
+
+/// Adds what the sky sends along an escaped ray.
+pub fn escape(view: &SceneView, path: &mut PathState, arrival: &Arrival) {
+    if arrival.status == STATUS_ESCAPED {
+        path.radiance += path.throughput * environment_radiance(view, arrival.direction);
+    }
+}
+
+/// Handles the hit at the end of a ray: emission, scattering, roulette. Returns whether the path goes on.
+pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, path: &mut PathState, arrival: &Arrival) -> bool {
+    let scene = view.scene;
+    let material_id = view.objects[surface.object as usize];
+    let material = view.material(surface.object);
+
+    // Absorb inside the dielectric that the ray crossed.
+    let inside = media_top(path.media);
+    if inside != 0 {
+        let absorption = Vec3::from(view.materials[inside as usize - 1].absorption);
+        path.throughput *= (-absorption * arrival.length).exp();
+    }
+
+    // Count emission, on the outer side or on both.
+    let wo = -arrival.direction;
+    let outside = surface.normal_geometric.dot(wo) > 0.0;
+    if outside || (material.flags & MATERIAL_TWO_SIDED) != 0 {
+        path.radiance += path.throughput * emission_at(view, material, surface.uv);
+    }
+    if material.kind == MATERIAL_EMISSIVE || path.bounce >= scene.max_depth {
+        return false;
+    }
+
+    // Turn the normals to the side the ray came from.
+    let geometric = if outside { surface.normal_geometric } else { -surface.normal_geometric };
+    let mut normal = surface.normal_shading;
+    normal = if normal.dot(geometric) < 0.0 { -normal } else { normal };
+    normal = if normal.dot(wo) < 1e-4 { geometric } else { normal };
+    let wo_local = frame_from_world(normal, wo);
+
+    // Resolve the surface's scattering.
+    let roughness = roughness_at(view, material, surface.uv);
+    let mut bsdf = Bsdf {
+        color: base_color_at(view, material, surface.uv),
+        kind: material.kind,
+        alpha: (roughness * roughness).max(MIN_ALPHA),
+        eta: 1.0,
+        albedo: 1.0,
+    };
+    let media_beyond = if outside { media_push(path.media, material_id + 1) } else { media_remove(path.media, material_id + 1) };
+    if material.kind == MATERIAL_METALLIC {
+        bsdf.albedo = ggx_albedo(view, wo_local.z, roughness);
+    }
+    if material.kind == MATERIAL_DIELECTRIC {
+        let before = if outside { media_ior(view, inside) } else { material.ior };
+        bsdf.eta = media_ior(view, media_top(media_beyond)) / before;
+        // A boundary between equal indices is not there.
+        bsdf.alpha = if roughness == 0.0 || bsdf.eta == 1.0 { 0.0 } else { bsdf.alpha };
+    }
+
+    // Draw a direction from the mixture.
+    let first = CAMERA_PAIRS + path.bounce * BOUNCE_PAIRS;
+    let strategy = random_pair(seed, first, sample_index);
+    let direction = random_pair(seed, first + 1, sample_index);
+    let lobe = random_pair(seed, first + 2, sample_index);
+    let share = if scene.light_count == 0 || is_delta(&bsdf) { 0.0 } else { light_share(&bsdf, scene.light_share) };
+    let drawn = sample_bsdf(&bsdf, wo_local, direction, lobe.x);
+    let mut wi = world_from_frame(normal, drawn.wi);
+    let mut weight = drawn.weight;
+    if share > 0.0 {
+        let light = *view.light(choose_light(view, strategy.y));
+        if strategy.x < share {
+            wi = sample_light(view, &light, surface.position, direction);
+        }
+        let (value, pdf) = evaluate_bsdf(&bsdf, wo_local, frame_from_world(normal, wi));
+        let density = share * light_pdf(view, &light, surface.position, wi) + (1.0 - share) * pdf;
+        weight = if density > 0.0 { value * (1.0 / density) } else { Vec3::ZERO };
+    }
+
+    // The geometry must agree on whether the direction reflects or transmits.
+    let reflects = wi.dot(normal) > 0.0;
+    if (wi.dot(geometric) > 0.0) != reflects {
+        return false;
+    }
+    path.throughput *= weight;
+    if !reflects {
+        path.media = media_beyond;
+    }
+
+    // Russian roulette.
+    let strongest = path.throughput.max_element();
+    if strongest.is_nan() || strongest <= 0.0 {
+        return false;
+    }
+    if path.bounce + 1 >= ROULETTE_BOUNCE {
+        let survival = strongest.min(MAX_SURVIVAL);
+        if lobe.y >= survival {
+            return false;
+        }
+        path.throughput *= 1.0 / survival;
+    }
+
+    // Leave the surface.
+    let offset = ORIGIN_OFFSET * surface.position.abs().max_element() + scene.origin_offset;
+    path.origin = surface.position + geometric * if reflects { offset } else { -offset };
+    path.direction = wi;
+    path.width += path.spread * arrival.length;
+    let scatter = if material.kind == MATERIAL_DIFFUSE { 1.0 } else { bsdf.alpha.min(1.0) };
+    path.spread = path.spread.max(DIFFUSE_SPREAD * scatter);
+    path.bounce += 1;
+    true
+}
+
+/// AOVs of a camera ray that met a surface.
+pub fn hit_aov(view: &SceneView, surface: &Surface, arrival: &Arrival) -> Aov {
+    let mut aov = miss_aov(arrival);
+    aov.albedo = base_color_at(view, view.material(surface.object), surface.uv).into();
+    aov.normal = surface.normal_shading.into();
+    aov.position = surface.position.into();
+    aov.object = surface.object + 1;
+    aov
+}
+
+/// AOVs of a camera ray that met nothing.
+pub fn miss_aov(arrival: &Arrival) -> Aov {
+    Aov {
+        redshift: arrival.redshift,
+        distance: arrival.length,
+        constraint_error: arrival.constraint_error,
+        status: arrival.status,
+        steps: arrival.steps,
+        chords: arrival.chords,
+        ..Aov::default()
+    }
+}

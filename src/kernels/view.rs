@@ -1,0 +1,93 @@
+//! What kernels read of a world, through the same accessors as `shaders/bindings.glsl`.
+
+use super::layout::*;
+use glam::Vec4;
+
+/// Borrowed arrays of a world.
+#[derive(Clone, Copy)]
+pub struct SceneView<'a> {
+    /// Everything that is not an array.
+    pub scene: &'a SceneParameters,
+    /// Nodes of the BVH, the root first.
+    pub nodes: &'a [BvhNode],
+    /// Triangles in groups of eight.
+    pub blocks: &'a [TriangleBlock],
+    /// Attributes of triangles.
+    pub triangles: &'a [Triangle],
+    /// Attributes of vertices.
+    pub vertices: &'a [Vertex],
+    /// Analytic primitives.
+    pub primitives: &'a [Primitive],
+    /// Material of each object.
+    pub objects: &'a [u32],
+    /// Materials.
+    pub materials: &'a [Material],
+    /// Images.
+    pub textures: &'a [Texture],
+    /// Pool of texels, RGBA half floats.
+    pub texels: &'a [[u16; 4]],
+    /// Emitters.
+    pub lights: &'a [Light],
+    /// Cumulative distribution of the environment: rows, then the columns of each row.
+    pub environment_cdf: &'a [f32],
+    /// Distance to the nearest geometry by cell, in quarters of a cell.
+    pub clearance: &'a [u8],
+    /// Directional albedo of GGX by roughness (rows) and cosine.
+    pub albedo: &'a [f32],
+}
+
+impl SceneView<'_> {
+    /// The BVH's root as a child reference.
+    pub fn root(&self) -> u32 {
+        0
+    }
+    /// A node.
+    pub fn node(&self, index: u32) -> &BvhNode {
+        &self.nodes[index as usize]
+    }
+    /// Eight triangles.
+    pub fn block(&self, index: u32) -> &TriangleBlock {
+        &self.blocks[index as usize]
+    }
+    /// A triangle.
+    pub fn triangle(&self, index: u32) -> &Triangle {
+        &self.triangles[index as usize]
+    }
+    /// A vertex.
+    pub fn vertex(&self, index: u32) -> &Vertex {
+        &self.vertices[index as usize]
+    }
+    /// An analytic primitive.
+    pub fn primitive(&self, index: u32) -> &Primitive {
+        &self.primitives[index as usize]
+    }
+    /// Material of an object.
+    pub fn material(&self, object: u32) -> &Material {
+        &self.materials[self.objects[object as usize] as usize]
+    }
+    /// An image.
+    pub fn texture_at(&self, index: u32) -> Texture {
+        self.textures[index as usize]
+    }
+    /// A texel, linear.
+    pub fn texel(&self, index: u32) -> Vec4 {
+        let half = self.texels[index as usize];
+        Vec4::from(half.map(|h| half::f16::from_bits(h).to_f32()))
+    }
+    /// An emitter.
+    pub fn light(&self, index: u32) -> &Light {
+        &self.lights[index as usize]
+    }
+    /// An entry of the environment's distribution.
+    pub fn environment_cdf(&self, index: u32) -> f32 {
+        self.environment_cdf[index as usize]
+    }
+    /// An entry of the albedo table.
+    pub fn albedo(&self, index: u32) -> f32 {
+        self.albedo[index as usize]
+    }
+    /// Distance to the nearest geometry in quarters of a cell.
+    pub fn clearance(&self, cell: u32) -> f32 {
+        self.clearance[cell as usize] as f32
+    }
+}

@@ -1,0 +1,318 @@
+//! A scene file as written: one struct per table, unknown keys refused.
+
+use super::values::*;
+use serde::Deserialize;
+use toml::Spanned;
+
+/// The whole file.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SceneFile {
+    pub camera: CameraTable,
+    pub film: FilmTable,
+    pub spacetime: SpacetimeTable,
+    pub integrator: IntegratorTable,
+    pub environment: EnvironmentTable,
+    pub material: Vec<MaterialTable>,
+    pub sphere: Vec<SphereTable>,
+    pub r#box: Vec<BoxTable>,
+    pub quad: Vec<QuadTable>,
+    pub mesh: Vec<MeshTable>,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+pub enum CameraKind {
+    #[default]
+    Perspective,
+    Panorama,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CameraTable {
+    pub kind: CameraKind,
+    pub position: Spanned<Vector>,
+    pub look_at: Spanned<Vector>,
+    pub up: Spanned<Vector>,
+    pub fov_degrees: FieldOfView,
+    pub aperture_radius: NonNegative,
+    pub focus_distance: Option<Positive>,
+}
+
+fn unspanned<T>(value: T) -> Spanned<T> {
+    Spanned::new(0..0, value)
+}
+
+fn vector(x: f64, y: f64, z: f64) -> Spanned<Vector> {
+    unspanned([Finite(x), Finite(y), Finite(z)])
+}
+
+impl Default for CameraTable {
+    fn default() -> Self {
+        CameraTable {
+            kind: CameraKind::Perspective,
+            position: vector(0.0, 1.5, -10.0),
+            look_at: vector(0.0, 1.0, 0.0),
+            up: vector(0.0, 1.0, 0.0),
+            fov_degrees: FieldOfView(40.0),
+            aperture_radius: NonNegative(0.0),
+            focus_distance: None,
+        }
+    }
+}
+
+/// How radiance becomes a picture.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+pub enum ToneMap {
+    /// Clip at 1.
+    None,
+    /// Luminance L / (1 + L).
+    Reinhard,
+    /// Narkowicz' fit to the ACES filmic curve.
+    #[default]
+    Aces,
+}
+
+/// Pixel filter.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+pub enum Filter {
+    /// One pixel wide.
+    Box,
+    /// Gaussian of 0.45 pixels, cut off at 1.5.
+    #[default]
+    Gaussian,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FilmTable {
+    pub width: Whole<1, 32768>,
+    pub height: Spanned<Whole<1, 32768>>,
+    pub samples: Whole<1, 1_000_000>,
+    pub max_depth: Whole<0, 1000>,
+    pub exposure: Finite,
+    pub tone_map: ToneMap,
+    pub filter: Filter,
+}
+
+impl Default for FilmTable {
+    fn default() -> Self {
+        FilmTable {
+            width: Whole(1280),
+            height: unspanned(Whole(720)),
+            samples: Whole(256),
+            max_depth: Whole(8),
+            exposure: Finite(0.0),
+            tone_map: ToneMap::default(),
+            filter: Filter::default(),
+        }
+    }
+}
+
+/// Names of `[spacetime] kind`.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+pub enum SpacetimeKind {
+    #[default]
+    Flat,
+    Gravity,
+    Schwarzschild,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+pub enum Law {
+    Thesis,
+    Power,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+pub enum Form {
+    Literal,
+    Ode,
+}
+
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SpacetimeTable {
+    pub kind: SpacetimeKind,
+    pub position: Option<Vector>,
+    pub mass: Option<Spanned<Positive>>,
+    pub law: Option<Spanned<Law>>,
+    pub form: Option<Spanned<Form>>,
+    pub exponent: Option<Spanned<NonNegative>>,
+    pub center: Vec<CenterTable>,
+    pub line: Vec<LineTable>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CenterTable {
+    pub position: Vector,
+    pub strength: Finite,
+    pub radius: Option<Positive>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LineTable {
+    pub point: Vector,
+    pub direction: Spanned<Vector>,
+    pub strength: Finite,
+    pub radius: Option<Positive>,
+    pub length: Option<Positive>,
+}
+
+/// Names of `[integrator] method`.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    #[default]
+    Auto,
+    Euler,
+    Nystrom,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct IntegratorTable {
+    pub method: Spanned<Method>,
+    pub tolerance: Positive,
+    pub chord_tolerance: Positive,
+    pub step: Positive,
+    pub max_steps: Whole<1, 1_000_000>,
+}
+
+impl Default for IntegratorTable {
+    fn default() -> Self {
+        IntegratorTable {
+            method: unspanned(Method::Auto),
+            tolerance: Positive(0.05),
+            chord_tolerance: Positive(0.2),
+            step: Positive(0.1),
+            max_steps: Whole(2000),
+        }
+    }
+}
+
+/// Names of `[environment] kind`.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+pub enum EnvironmentKind {
+    #[default]
+    Constant,
+    Gradient,
+    Grid,
+    Image,
+}
+
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EnvironmentTable {
+    pub kind: EnvironmentKind,
+    pub color: Option<Spanned<Color>>,
+    pub zenith: Option<Spanned<Color>>,
+    pub horizon: Option<Spanned<Color>>,
+    pub nadir: Option<Spanned<Color>>,
+    pub line_color: Option<Spanned<Color>>,
+    pub north: Option<Spanned<Color>>,
+    pub south: Option<Spanned<Color>>,
+    pub spacing_degrees: Option<Spanned<Positive>>,
+    pub line_degrees: Option<Spanned<Positive>>,
+    pub file: Option<Spanned<String>>,
+    pub scale: Option<Spanned<NonNegative>>,
+    pub rotation_degrees: Option<Spanned<Finite>>,
+}
+
+/// Names of `[[material]] kind`.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+pub enum MaterialKind {
+    #[default]
+    Diffuse,
+    Metallic,
+    Dielectric,
+    Emissive,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MaterialTable {
+    pub name: Spanned<String>,
+    #[serde(default)]
+    pub kind: MaterialKind,
+    pub base_color: Option<[Unit; 3]>,
+    pub roughness: Option<Spanned<Unit>>,
+    pub ior: Option<Spanned<Index>>,
+    pub absorption: Option<Spanned<Color>>,
+    pub emission: Option<Spanned<Color>>,
+    pub two_sided: Option<bool>,
+    pub checker: Option<Spanned<CheckerTable>>,
+    pub base_color_texture: Option<Spanned<String>>,
+    pub roughness_texture: Option<Spanned<String>>,
+    pub emission_texture: Option<Spanned<String>>,
+}
+
+/// A checkered base colour: `count` squares along each texture coordinate, every other one of `color`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CheckerTable {
+    pub color: [Unit; 3],
+    pub count: Whole<2, 256>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+pub enum Scale {
+    Uniform(f64),
+    PerAxis([f64; 3]),
+}
+
+/// Scale, then rotate about X, Y and Z in this order, then translate.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TransformTable {
+    pub translate: Option<Vector>,
+    pub rotate_degrees: Option<Vector>,
+    pub scale: Option<Spanned<Scale>>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SphereTable {
+    pub center: Vector,
+    pub radius: Positive,
+    pub material: Option<Spanned<String>>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoxTable {
+    pub min: Vector,
+    pub max: Spanned<Vector>,
+    #[serde(default)]
+    pub transform: TransformTable,
+    pub material: Option<Spanned<String>>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct QuadTable {
+    pub corner: Vector,
+    pub u: Vector,
+    pub v: Spanned<Vector>,
+    pub material: Option<Spanned<String>>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshTable {
+    pub file: Spanned<String>,
+    #[serde(default)]
+    pub transform: TransformTable,
+    pub material: Option<Spanned<String>>,
+}

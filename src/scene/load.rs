@@ -1,0 +1,435 @@
+//! From a scene file to a [`Scene`]: parse, apply overrides, resolve names and files, check what single values cannot tell.
+
+use super::file::*;
+use super::mesh::{self, Mesh};
+use super::texture::Image;
+use super::values::{Vector, color, numbers};
+use super::*;
+use crate::error::{Error, Result};
+use std::ops::Range;
+use std::path::Path;
+use toml::Spanned;
+
+/// The scene that is rendered when no file is named.
+const BUILT_IN: &str = include_str!("../../assets/scenes/singularity.toml");
+
+/// Largest film, in pixels.
+const MAX_PIXELS: u64 = 1 << 28;
+
+/// Reads and validates a scene.
+///
+/// `path` is the file, or `None` for the built-in scene; each of `overrides` is `key.path=value` in TOML syntax. Errors name
+/// the file with line and column, or the override.
+pub fn load_scene(path: Option<&Path>, overrides: &[String]) -> Result<Scene> {
+    let (path, text) = match path {
+        None => (PathBuf::from("built-in"), BUILT_IN.to_owned()),
+        Some(path) => {
+            let text = std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.into(), source })?;
+            if text.trim().is_empty() {
+                return Err(Error::Scene { path: path.into(), line: 1, column: 1, reason: "the file is empty, expected a scene".into() });
+            }
+            (path.to_owned(), text)
+        }
+    };
+    let loader = Loader { path: &path, text: &text };
+    let mut file: SceneFile = toml::from_str(&text).map_err(|e| loader.error(e.span().unwrap_or_default(), one_line(e.message())))?;
+    if !overrides.is_empty() {
+        file = apply_overrides(&text, overrides)?;
+    }
+    loader.scene(&file)
+}
+
+fn one_line(message: &str) -> String {
+    message.split('\n').map(str::trim).filter(|l| !l.is_empty()).collect::<Vec<_>>().join(", ")
+}
+
+/// Sets values in the parsed file and reads it again, after each override so that the message names the right one.
+fn apply_overrides(text: &str, overrides: &[String]) -> Result<SceneFile> {
+    let fail = |assignment: &String, reason: String| Error::Override { assignment: assignment.clone(), reason };
+    let mut file = SceneFile::default();
+    let mut root: toml::Table = text.parse().map_err(|e: toml::de::Error| Error::World(e.message().to_owned()))?;
+    for assignment in overrides {
+        let (key, value) = assignment.split_once('=').ok_or_else(|| fail(assignment, "expected key.path=value".into()))?;
+        // A bare word is a string, so that `spacetime.kind=flat` needs no quotes.
+        let parsed: std::result::Result<toml::Table, _> = format!("v = {value}").parse();
+        let value = match parsed {
+            Ok(mut table) => table.remove("v"),
+            Err(_) if value.trim().chars().all(|c| c.is_alphanumeric() || "-_./".contains(c)) => Some(toml::Value::String(value.trim().to_owned())),
+            Err(e) => return Err(fail(assignment, one_line(e.message()))),
+        };
+        let value = value.ok_or_else(|| fail(assignment, "expected a value".into()))?;
+        set_value(&mut root, key.trim(), value).map_err(|reason| fail(assignment, reason))?;
+        let edited = toml::to_string(&root).map_err(|e| fail(assignment, e.to_string()))?;
+        file = toml::from_str(&edited).map_err(|e| fail(assignment, one_line(e.message())))?;
+    }
+    Ok(file)
+}
+
+fn set_value(root: &mut toml::Table, key: &str, value: toml::Value) -> std::result::Result<(), String> {
+    let mut parts: Vec<&str> = key.split('.').collect();
+    let last = parts.pop().filter(|l| !l.is_empty()).ok_or("expected key.path=value")?;
+    set_in_table(root, &parts, last, value)
+}
+
+fn set_in_table(table: &mut toml::Table, parts: &[&str], last: &str, value: toml::Value) -> std::result::Result<(), String> {
+    let Some((first, rest)) = parts.split_first() else {
+        table.insert(last.to_owned(), value);
+        return Ok(());
+    };
+    let mut at = table.entry(*first).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+    for part in rest.iter().copied().chain([last]) {
+        at = match at {
+            toml::Value::Table(t) => t.entry(part).or_insert_with(|| toml::Value::Table(toml::Table::new())),
+            toml::Value::Array(a) => {
+                let count = a.len();
+                part.parse::<usize>()
+                    .ok()
+                    .and_then(|i| a.get_mut(i))
+                    .ok_or_else(|| format!("found `{part}`, expected an index below {count}"))?
+            }
+            _ => return Err(format!("`{part}` is not in a table")),
+        };
+    }
+    *at = value;
+    Ok(())
+}
+
+struct Loader<'a> {
+    path: &'a Path,
+    text: &'a str,
+}
+
+impl Loader<'_> {
+    fn error(&self, span: Range<usize>, reason: impl Into<String>) -> Error {
+        let before = &self.text[..span.start.min(self.text.len())];
+        let line = before.matches('\n').count() + 1;
+        let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
+        Error::Scene { path: self.path.into(), line, column, reason: reason.into() }
+    }
+
+    fn relative(&self, file: &str) -> PathBuf {
+        self.path.parent().map_or_else(|| PathBuf::from(file), |folder| folder.join(file))
+    }
+
+    fn scene(&self, file: &SceneFile) -> Result<Scene> {
+        let mut scene = Scene {
+            path: self.path.into(),
+            camera: self.camera(&file.camera)?,
+            film: self.film(&file.film)?,
+            spacetime: self.spacetime(&file.spacetime)?,
+            integrator: self.integrator(&file.integrator, &file.spacetime)?,
+            environment: Environment::Constant([0.0; 3]),
+            materials: vec![Material::default()],
+            images: vec![],
+            shapes: vec![],
+        };
+        scene.environment = self.environment(&file.environment, &mut scene.images)?;
+        for table in &file.material {
+            let material = self.material(table, &mut scene)?;
+            scene.materials.push(material);
+        }
+        self.shapes(file, &mut scene)?;
+        Ok(scene)
+    }
+
+    fn camera(&self, table: &CameraTable) -> Result<Camera> {
+        let position = DVec3::from(numbers(*table.position.get_ref()));
+        let target = DVec3::from(numbers(*table.look_at.get_ref())) - position;
+        let forward = target.try_normalize().ok_or_else(|| {
+            self.error(table.look_at.span(), "`look_at` is the camera's position, expected another point")
+        })?;
+        let up = DVec3::from(numbers(*table.up.get_ref()));
+        let right = forward.cross(up).try_normalize().filter(|_| forward.cross(up).length() > 1e-9 * up.length()).ok_or_else(|| {
+            self.error(table.up.span(), "`up` is parallel to the viewing direction, expected another vector")
+        })?;
+        Ok(Camera {
+            kind: table.kind,
+            position,
+            forward,
+            right,
+            up: right.cross(forward),
+            fov_radians: table.fov_degrees.0.to_radians(),
+            aperture_radius: table.aperture_radius.0,
+            focus_distance: table.focus_distance.map_or(target.length(), |d| d.0),
+        })
+    }
+
+    fn film(&self, table: &FilmTable) -> Result<FilmSettings> {
+        let (width, height) = (table.width.0, table.height.get_ref().0);
+        if u64::from(width) * u64::from(height) > MAX_PIXELS {
+            return Err(self.error(table.height.span(), format!("a film of {width} x {height} pixels, expected at most {MAX_PIXELS} pixels")));
+        }
+        Ok(FilmSettings {
+            width,
+            height,
+            samples: table.samples.0,
+            max_depth: table.max_depth.0,
+            exposure: table.exposure.0,
+            tone_map: table.tone_map,
+            filter: table.filter,
+        })
+    }
+
+    /// Refuses a key that the chosen kind does not have.
+    fn refuse<T>(&self, value: &Option<Spanned<T>>, key: &str, kind: &str) -> Result<()> {
+        match value {
+            Some(v) => Err(self.error(v.span(), format!("`{key}` does not belong to {kind}"))),
+            None => Ok(()),
+        }
+    }
+
+    fn spacetime(&self, table: &SpacetimeTable) -> Result<Spacetime> {
+        let position = DVec3::from(table.position.map_or([0.0; 3], numbers));
+        if table.kind != SpacetimeKind::Gravity {
+            let kind = if table.kind == SpacetimeKind::Flat { "kind `flat`" } else { "kind `schwarzschild`" };
+            self.refuse(&table.law, "law", kind)?;
+            self.refuse(&table.form, "form", kind)?;
+            self.refuse(&table.exponent, "exponent", kind)?;
+            if let Some(line) = table.line.first() {
+                return Err(self.error(line.direction.span(), format!("`[[spacetime.line]]` does not belong to {kind}")));
+            }
+            if !table.center.is_empty() {
+                return Err(self.error(0..0, format!("`[[spacetime.center]]` does not belong to {kind}")));
+            }
+        }
+        match table.kind {
+            SpacetimeKind::Flat => {
+                self.refuse(&table.mass, "mass", "kind `flat`")?;
+                Ok(Spacetime::Flat)
+            }
+            SpacetimeKind::Schwarzschild => {
+                Ok(Spacetime::Schwarzschild { mass: table.mass.as_ref().map_or(1.0, |m| m.get_ref().0), position })
+            }
+            SpacetimeKind::Gravity => {
+                self.refuse(&table.mass, "mass", "kind `gravity`, which has `strength` per center")?;
+                let power = table.law.as_ref().is_some_and(|l| *l.get_ref() == Law::Power);
+                if !power {
+                    self.refuse(&table.exponent, "exponent", "law `thesis`")?;
+                }
+                let exponent = power.then(|| table.exponent.as_ref().map_or(2.0, |e| e.get_ref().0));
+                let literal = table.form.as_ref().is_some_and(|f| *f.get_ref() == Form::Literal);
+                let mut sources = Vec::new();
+                for center in &table.center {
+                    sources.push(Source {
+                        position: (DVec3::from(numbers(center.position)) + position).into(),
+                        direction: [0.0, 1.0, 0.0],
+                        extent: (0.0, 0.0),
+                        strength: center.strength.0,
+                        radius: center.radius.map_or(f64::INFINITY, |r| r.0),
+                    });
+                }
+                for line in &table.line {
+                    let direction = DVec3::from(numbers(*line.direction.get_ref()));
+                    let direction = direction
+                        .try_normalize()
+                        .ok_or_else(|| self.error(line.direction.span(), "`direction` is zero, expected a vector"))?;
+                    sources.push(Source {
+                        position: (DVec3::from(numbers(line.point)) + position).into(),
+                        direction: direction.into(),
+                        extent: line.length.map_or((f64::NEG_INFINITY, f64::INFINITY), |l| (0.0, l.0)),
+                        strength: line.strength.0,
+                        radius: line.radius.map_or(f64::INFINITY, |r| r.0),
+                    });
+                }
+                Ok(Spacetime::Gravity { exponent, literal, sources })
+            }
+        }
+    }
+
+    fn integrator(&self, table: &IntegratorTable, spacetime: &SpacetimeTable) -> Result<Integrator> {
+        let literal = spacetime.form.as_ref().is_some_and(|f| *f.get_ref() == Form::Literal);
+        let method = match table.method.get_ref() {
+            Method::Auto if literal => Method::Euler,
+            Method::Auto => Method::Nystrom,
+            Method::Nystrom if literal => {
+                return Err(self.error(table.method.span(), "form `literal` is a recurrence, expected method `euler`"));
+            }
+            method => *method,
+        };
+        Ok(Integrator {
+            method,
+            tolerance: table.tolerance.0,
+            chord_tolerance: table.chord_tolerance.0,
+            step: table.step.0,
+            max_steps: table.max_steps.0,
+        })
+    }
+
+    fn environment(&self, table: &EnvironmentTable, images: &mut Vec<Arc<Image>>) -> Result<Environment> {
+        let kind = match table.kind {
+            EnvironmentKind::Constant => "a constant environment",
+            EnvironmentKind::Gradient => "a gradient environment",
+            EnvironmentKind::Grid => "a grid environment",
+            EnvironmentKind::Image => "an image environment",
+        };
+        let is = |k: EnvironmentKind| table.kind == k;
+        if !is(EnvironmentKind::Constant) {
+            self.refuse(&table.color, "color", kind)?;
+        }
+        if !is(EnvironmentKind::Gradient) {
+            self.refuse(&table.zenith, "zenith", kind)?;
+            self.refuse(&table.horizon, "horizon", kind)?;
+            self.refuse(&table.nadir, "nadir", kind)?;
+        }
+        if !is(EnvironmentKind::Grid) {
+            self.refuse(&table.line_color, "line_color", kind)?;
+            self.refuse(&table.north, "north", kind)?;
+            self.refuse(&table.south, "south", kind)?;
+            self.refuse(&table.spacing_degrees, "spacing_degrees", kind)?;
+            self.refuse(&table.line_degrees, "line_degrees", kind)?;
+        }
+        if !is(EnvironmentKind::Image) {
+            self.refuse(&table.file, "file", kind)?;
+            self.refuse(&table.scale, "scale", kind)?;
+            self.refuse(&table.rotation_degrees, "rotation_degrees", kind)?;
+        }
+        let pick = |value: &Option<Spanned<values::Color>>, default: [f32; 3]| value.as_ref().map_or(default, |c| color(*c.get_ref()));
+        Ok(match table.kind {
+            EnvironmentKind::Constant => Environment::Constant(pick(&table.color, [0.0; 3])),
+            EnvironmentKind::Gradient => Environment::Gradient {
+                zenith: pick(&table.zenith, [0.25, 0.45, 0.9]),
+                horizon: pick(&table.horizon, [0.8, 0.85, 0.9]),
+                nadir: pick(&table.nadir, [0.2, 0.2, 0.2]),
+            },
+            EnvironmentKind::Grid => Environment::Grid {
+                line: pick(&table.line_color, [1.0; 3]),
+                north: pick(&table.north, [0.05, 0.1, 0.25]),
+                south: pick(&table.south, [0.2, 0.1, 0.05]),
+                spacing: table.spacing_degrees.as_ref().map_or(15.0, |v| v.get_ref().0).to_radians(),
+                width: table.line_degrees.as_ref().map_or(0.5, |v| v.get_ref().0).to_radians(),
+            },
+            EnvironmentKind::Image => {
+                let file = table.file.as_ref().ok_or_else(|| self.error(0..0, "an image environment needs `file`"))?;
+                Environment::Image {
+                    image: self.image(file, false, images)?,
+                    scale: table.scale.as_ref().map_or(1.0, |v| v.get_ref().0 as f32),
+                    rotation: table.rotation_degrees.as_ref().map_or(0.0, |v| v.get_ref().0).to_radians(),
+                }
+            }
+        })
+    }
+
+    fn image(&self, file: &Spanned<String>, data: bool, images: &mut Vec<Arc<Image>>) -> Result<usize> {
+        let image = Image::read(&self.relative(file.get_ref()), data).map_err(|e| self.error(file.span(), e.to_string()))?;
+        images.push(Arc::new(image));
+        Ok(images.len() - 1)
+    }
+
+    fn material(&self, table: &MaterialTable, scene: &mut Scene) -> Result<Material> {
+        let name = table.name.get_ref();
+        if scene.materials.iter().skip(1).any(|m| &m.name == name) {
+            return Err(self.error(table.name.span(), format!("a second material named `{name}`")));
+        }
+        let defaults = Material::default();
+        let kind = table.kind;
+        if kind != MaterialKind::Dielectric {
+            self.refuse(&table.ior, "ior", "this kind of material, only to `dielectric`")?;
+            self.refuse(&table.absorption, "absorption", "this kind of material, only to `dielectric`")?;
+        }
+        if matches!(kind, MaterialKind::Diffuse | MaterialKind::Emissive) {
+            self.refuse(&table.roughness, "roughness", "this kind of material, only to `metallic` and `dielectric`")?;
+            self.refuse(&table.roughness_texture, "roughness_texture", "this kind of material, only to `metallic` and `dielectric`")?;
+        }
+        let mut texture = |file: &Option<Spanned<String>>, data: bool| match file {
+            Some(file) => self.image(file, data, &mut scene.images).map(Some),
+            None => Ok(None),
+        };
+        let mut textures =
+            [texture(&table.base_color_texture, false)?, texture(&table.roughness_texture, true)?, texture(&table.emission_texture, false)?];
+        if let Some(checker) = &table.checker {
+            if table.base_color_texture.is_some() {
+                return Err(self.error(checker.span(), "`checker` and `base_color_texture` exclude each other"));
+            }
+            let checker = checker.get_ref();
+            let own = table.base_color.map_or(defaults.base_color, |c| c.map(|v| v.0 as f32));
+            scene.images.push(Arc::new(Image::checker([own, checker.color.map(|v| v.0 as f32)], checker.count.0)));
+            textures[0] = Some(scene.images.len() - 1);
+        }
+        let textured = |i: usize| textures[i].is_some();
+        let glass = kind == MaterialKind::Dielectric;
+        let default_color = if glass || textured(0) { [1.0; 3] } else { defaults.base_color };
+        let default_emission = if kind == MaterialKind::Emissive || textured(2) { [1.0; 3] } else { [0.0; 3] };
+        let default_roughness = if kind == MaterialKind::Metallic { 0.3 } else { 0.0 };
+        Ok(Material {
+            name: name.clone(),
+            kind,
+            base_color: match table.base_color {
+                Some(c) if table.checker.is_none() => c.map(|v| v.0 as f32),
+                _ => default_color,
+            },
+            roughness: table.roughness.as_ref().map_or(if textured(1) { 1.0 } else { default_roughness }, |r| r.get_ref().0 as f32),
+            ior: table.ior.as_ref().map_or(defaults.ior, |i| i.get_ref().0 as f32),
+            absorption: table.absorption.as_ref().map_or([0.0; 3], |c| color(*c.get_ref())),
+            emission: table.emission.as_ref().map_or(default_emission, |c| color(*c.get_ref())),
+            two_sided: table.two_sided.unwrap_or(true),
+            textures,
+        })
+    }
+
+    fn material_index(&self, name: &Option<Spanned<String>>, scene: &Scene) -> Result<usize> {
+        let Some(name) = name else { return Ok(0) };
+        scene.materials.iter().skip(1).position(|m| &m.name == name.get_ref()).map(|i| i + 1).ok_or_else(|| {
+            let known: Vec<&str> = scene.materials.iter().skip(1).map(|m| m.name.as_str()).collect();
+            self.error(name.span(), format!("unknown material `{}`, expected one of: {}", name.get_ref(), known.join(", ")))
+        })
+    }
+
+    fn transform(&self, table: &TransformTable) -> Result<DMat4> {
+        let scale = match table.scale.as_ref().map(|s| s.get_ref()) {
+            None => [1.0; 3],
+            Some(Scale::Uniform(s)) => [*s; 3],
+            Some(Scale::PerAxis(s)) => *s,
+        };
+        if !scale.iter().all(|s| s.is_finite() && s.abs() > 1e-9 && s.abs() < 1e9) {
+            let span = table.scale.as_ref().map_or(0..0, |s| s.span());
+            return Err(self.error(span, format!("scale {scale:?}, expected numbers other than 0")));
+        }
+        let vector = |v: Option<Vector>| DVec3::from(v.map_or([0.0; 3], numbers));
+        let [x, y, z] = vector(table.rotate_degrees).to_array().map(f64::to_radians);
+        Ok(DMat4::from_translation(vector(table.translate))
+            * DMat4::from_rotation_z(z)
+            * DMat4::from_rotation_y(y)
+            * DMat4::from_rotation_x(x)
+            * DMat4::from_scale(scale.into()))
+    }
+
+    fn shapes(&self, file: &SceneFile, scene: &mut Scene) -> Result<()> {
+        for s in &file.sphere {
+            let geometry = Geometry::Sphere { center: numbers(s.center).into(), radius: s.radius.0 };
+            let material = self.material_index(&s.material, scene)?;
+            scene.shapes.push(Shape { material, geometry });
+        }
+        for b in &file.r#box {
+            let min = DVec3::from(numbers(b.min));
+            let size = DVec3::from(numbers(*b.max.get_ref())) - min;
+            if size.min_element() <= 0.0 {
+                return Err(self.error(b.max.span(), "`max` is not above `min` on every axis"));
+            }
+            let world_from_unit = self.transform(&b.transform)? * DMat4::from_translation(min) * DMat4::from_scale(size);
+            let material = self.material_index(&b.material, scene)?;
+            scene.shapes.push(Shape { material, geometry: Geometry::Box { world_from_unit } });
+        }
+        for q in &file.quad {
+            let (u, v) = (DVec3::from(numbers(q.u)), DVec3::from(numbers(*q.v.get_ref())));
+            if u.cross(v).length() <= 1e-9 * u.length() * v.length() {
+                return Err(self.error(q.v.span(), "`u` and `v` are parallel or zero, expected a parallelogram"));
+            }
+            let material = self.material_index(&q.material, scene)?;
+            scene.shapes.push(Shape { material, geometry: Geometry::Quad { corner: numbers(q.corner).into(), u, v } });
+        }
+        for m in &file.mesh {
+            let transform = self.transform(&m.transform)?;
+            let override_material = match &m.material {
+                Some(_) => Some(self.material_index(&m.material, scene)?),
+                None => None,
+            };
+            let parts = mesh::read_mesh(&self.relative(m.file.get_ref()), scene).map_err(|e| self.error(m.file.span(), e.to_string()))?;
+            for (mesh, own_material) in parts {
+                let mesh: Mesh = mesh.transformed(transform);
+                let material = override_material.unwrap_or(own_material);
+                scene.shapes.push(Shape { material, geometry: Geometry::Mesh(Arc::new(mesh)) });
+            }
+        }
+        Ok(())
+    }
+}

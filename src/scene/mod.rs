@@ -1,0 +1,231 @@
+//! What the user describes: a scene file, its meshes and textures, read and validated.
+
+pub mod file;
+mod load;
+pub mod mesh;
+pub mod texture;
+pub mod values;
+
+pub use file::{CameraKind, Filter, Form, Law, Method, ToneMap};
+pub use load::load_scene;
+
+use crate::spacetime::gravity::Source;
+use glam::{DMat4, DVec3};
+use std::path::PathBuf;
+use std::sync::Arc;
+use texture::Image;
+
+/// A validated scene. Lengths in scene units, colours in linear sRGB.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// Where it was read from; `built-in` without a file.
+    pub path: PathBuf,
+    /// The eye.
+    pub camera: Camera,
+    /// Size of the picture and how it is developed.
+    pub film: FilmSettings,
+    /// What bends the light.
+    pub spacetime: Spacetime,
+    /// How rays are integrated.
+    pub integrator: Integrator,
+    /// What is seen where nothing is hit.
+    pub environment: Environment,
+    /// Materials by index; 0 is the default.
+    pub materials: Vec<Material>,
+    /// Textures by index.
+    pub images: Vec<Arc<Image>>,
+    /// Everything that can be hit.
+    pub shapes: Vec<Shape>,
+}
+
+/// The camera.
+#[derive(Clone, Debug)]
+pub struct Camera {
+    /// Perspective or panorama.
+    pub kind: CameraKind,
+    /// Position of the eye.
+    pub position: DVec3,
+    /// Unit viewing direction.
+    pub forward: DVec3,
+    /// Unit direction to the right of the picture.
+    pub right: DVec3,
+    /// Unit direction to its top.
+    pub up: DVec3,
+    /// Vertical field of view [radians].
+    pub fov_radians: f64,
+    /// Radius of the lens.
+    pub aperture_radius: f64,
+    /// Distance of the plane in focus.
+    pub focus_distance: f64,
+}
+
+/// The film.
+#[derive(Clone, Debug)]
+pub struct FilmSettings {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Samples per pixel to render unless the command line says otherwise.
+    pub samples: u32,
+    /// Most scattering events of a path.
+    pub max_depth: u32,
+    /// Exposure in stops.
+    pub exposure: f64,
+    /// Tone curve of pictures.
+    pub tone_map: ToneMap,
+    /// Pixel filter.
+    pub filter: Filter,
+}
+
+/// The bending model and its parameters.
+#[derive(Clone, Debug)]
+pub enum Spacetime {
+    /// Straight light.
+    Flat,
+    /// Gravity centers and lines.
+    Gravity {
+        /// Power of the distance the force falls with, or `None` for the thesis' law.
+        exponent: Option<f64>,
+        /// Whether the thesis' recurrence is taken literally, its kick without a step length.
+        literal: bool,
+        /// Centers and lines in world coordinates.
+        sources: Vec<Source>,
+    },
+    /// A black hole at rest.
+    Schwarzschild {
+        /// Mass, a length.
+        mass: f64,
+        /// Where it is.
+        position: DVec3,
+    },
+}
+
+/// How rays are integrated.
+#[derive(Clone, Debug)]
+pub struct Integrator {
+    /// Method, resolved from `auto`.
+    pub method: Method,
+    /// Error allowed per step [pixels].
+    pub tolerance: f64,
+    /// Error allowed per chord [pixels].
+    pub chord_tolerance: f64,
+    /// Step length of `euler`.
+    pub step: f64,
+    /// Steps after which a ray is given up.
+    pub max_steps: u32,
+}
+
+/// The sky.
+#[derive(Clone, Debug)]
+pub enum Environment {
+    /// One radiance everywhere.
+    Constant([f32; 3]),
+    /// From zenith over the horizon to the nadir.
+    Gradient {
+        /// Straight up.
+        zenith: [f32; 3],
+        /// Level.
+        horizon: [f32; 3],
+        /// Straight down.
+        nadir: [f32; 3],
+    },
+    /// Lines of equal altitude and azimuth, for looking at lensing.
+    Grid {
+        /// Colour of the lines.
+        line: [f32; 3],
+        /// Colour of the upper half.
+        north: [f32; 3],
+        /// Colour of the lower half.
+        south: [f32; 3],
+        /// Distance of lines [radians].
+        spacing: f64,
+        /// Width of lines [radians].
+        width: f64,
+    },
+    /// An equirectangular image.
+    Image {
+        /// Texture.
+        image: usize,
+        /// Factor on its values.
+        scale: f32,
+        /// Rotation about the vertical [radians].
+        rotation: f64,
+    },
+}
+
+/// How a surface scatters and emits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Name.
+    pub name: String,
+    /// Diffuse, metallic, dielectric or emissive.
+    pub kind: file::MaterialKind,
+    /// Reflectance or tint.
+    pub base_color: [f32; 3],
+    /// Perceptual roughness in [0, 1].
+    pub roughness: f32,
+    /// Refractive index.
+    pub ior: f32,
+    /// Absorption [1/length].
+    pub absorption: [f32; 3],
+    /// Emitted radiance.
+    pub emission: [f32; 3],
+    /// Whether both sides emit.
+    pub two_sided: bool,
+    /// Textures of base colour, roughness and emission.
+    pub textures: [Option<usize>; 3],
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Material {
+            name: "default".into(),
+            kind: file::MaterialKind::Diffuse,
+            base_color: [0.8; 3],
+            roughness: 0.0,
+            ior: 1.5,
+            absorption: [0.0; 3],
+            emission: [0.0; 3],
+            two_sided: true,
+            textures: [None; 3],
+        }
+    }
+}
+
+/// Something that can be hit.
+#[derive(Clone, Debug)]
+pub struct Shape {
+    /// Index of the material.
+    pub material: usize,
+    /// Its form.
+    pub geometry: Geometry,
+}
+
+/// The form of a shape.
+#[derive(Clone, Debug)]
+pub enum Geometry {
+    /// A sphere.
+    Sphere {
+        /// Center.
+        center: DVec3,
+        /// Radius.
+        radius: f64,
+    },
+    /// A box under an affine map.
+    Box {
+        /// Map from the unit cube to the world.
+        world_from_unit: DMat4,
+    },
+    /// A parallelogram.
+    Quad {
+        /// A corner.
+        corner: DVec3,
+        /// One edge from it.
+        u: DVec3,
+        /// The other.
+        v: DVec3,
+    },
+    /// Triangles.
+    Mesh(Arc<mesh::Mesh>),
+}

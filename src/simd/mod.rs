@@ -1,0 +1,227 @@
+//! The lane types kernels are generic over: one `f32` or `f64`, or a register of them.
+//!
+//! Registers come from `fearless_simd`, whose level (AVX-512, AVX2, SSE2, NEON, ...) is chosen at run time; the token that proves
+//! the level travels with every constant. A scalar lane has the token `()` and is the reference the registers are tested against.
+
+use fearless_simd::{Select as _, Simd, SimdBase, SimdFloat, SimdMask, f32x8, f32x16, f64x8, mask32x8, mask32x16, mask64x8};
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+/// A vector of real numbers, or a single one.
+pub trait Lane:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
+{
+    /// Type of one entry.
+    type Real: Real;
+    /// One flag per entry.
+    type Mask: Copy;
+    /// Proof that the instructions exist.
+    type Token: Copy;
+    /// Entries.
+    const LANES: usize;
+
+    /// `value` in every lane.
+    fn splat(token: Self::Token, value: Self::Real) -> Self;
+    /// A literal in every lane.
+    #[inline(always)]
+    fn constant(token: Self::Token, value: f64) -> Self {
+        Self::splat(token, Self::Real::from_f64(value))
+    }
+    /// The first `LANES` entries of `values`.
+    fn load(token: Self::Token, values: &[Self::Real]) -> Self;
+    /// Writes the lanes to the first `LANES` entries of `values`.
+    fn store(self, values: &mut [Self::Real]);
+    /// `self * factor + addend`, fused where the machine can.
+    fn mul_add(self, factor: Self, addend: Self) -> Self;
+    /// Square root.
+    fn sqrt(self) -> Self;
+    /// e to the power of each lane.
+    fn exp(self) -> Self;
+    /// Natural logarithm.
+    fn ln(self) -> Self;
+    /// Smaller of two.
+    fn min(self, other: Self) -> Self;
+    /// Larger of two.
+    fn max(self, other: Self) -> Self;
+    /// Lanes where `self < other`.
+    fn lt(self, other: Self) -> Self::Mask;
+    /// `then` where the mask is set, `otherwise` elsewhere.
+    fn select(mask: Self::Mask, then: Self, otherwise: Self) -> Self;
+    /// Lanes set in both masks.
+    fn both(a: Self::Mask, b: Self::Mask) -> Self::Mask;
+    /// The mask as bits, lane 0 lowest.
+    fn bits(mask: Self::Mask) -> u32;
+}
+
+/// The same vector in every lane.
+#[inline(always)]
+pub fn splat3<L: Lane>(token: L::Token, v: [L::Real; 3]) -> [L; 3] {
+    [L::splat(token, v[0]), L::splat(token, v[1]), L::splat(token, v[2])]
+}
+
+/// A vector per lane, from one array per component.
+#[inline(always)]
+pub fn load3<L: Lane, const N: usize>(token: L::Token, v: &[[L::Real; N]; 3]) -> [L; 3] {
+    [L::load(token, &v[0]), L::load(token, &v[1]), L::load(token, &v[2])]
+}
+
+/// `f32` or `f64`, as the entry of a lane.
+pub trait Real: Copy + PartialOrd + Default + Send + Sync + bytemuck::Pod {
+    /// Rounds a double.
+    fn from_f64(value: f64) -> Self;
+    /// Widens to a double.
+    fn to_f64(self) -> f64;
+    /// Rounds to single precision.
+    fn to_f32(self) -> f32;
+}
+
+macro_rules! scalar_lane {
+    ($real:ident) => {
+        impl Real for $real {
+            #[inline(always)]
+            fn from_f64(value: f64) -> Self {
+                value as $real
+            }
+            #[inline(always)]
+            fn to_f64(self) -> f64 {
+                self as f64
+            }
+            #[inline(always)]
+            fn to_f32(self) -> f32 {
+                self as f32
+            }
+        }
+
+        impl Lane for $real {
+            type Real = $real;
+            type Mask = bool;
+            type Token = ();
+            const LANES: usize = 1;
+
+            #[inline(always)]
+            fn splat(_: (), value: $real) -> Self {
+                value
+            }
+            #[inline(always)]
+            fn load(_: (), values: &[$real]) -> Self {
+                values[0]
+            }
+            #[inline(always)]
+            fn store(self, values: &mut [$real]) {
+                values[0] = self;
+            }
+            #[inline(always)]
+            fn mul_add(self, factor: Self, addend: Self) -> Self {
+                self * factor + addend
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                <$real>::sqrt(self)
+            }
+            #[inline(always)]
+            fn exp(self) -> Self {
+                <$real>::exp(self)
+            }
+            #[inline(always)]
+            fn ln(self) -> Self {
+                <$real>::ln(self)
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                if self < other { self } else { other }
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                if self > other { self } else { other }
+            }
+            #[inline(always)]
+            fn lt(self, other: Self) -> bool {
+                self < other
+            }
+            #[inline(always)]
+            fn select(mask: bool, then: Self, otherwise: Self) -> Self {
+                if mask { then } else { otherwise }
+            }
+            #[inline(always)]
+            fn both(a: bool, b: bool) -> bool {
+                a & b
+            }
+            #[inline(always)]
+            fn bits(mask: bool) -> u32 {
+                mask as u32
+            }
+        }
+    };
+}
+scalar_lane!(f32);
+scalar_lane!(f64);
+
+macro_rules! register_lane {
+    ($vector:ident, $mask:ident, $real:ident, $lanes:literal) => {
+        impl<S: Simd> Lane for $vector<S> {
+            type Real = $real;
+            type Mask = $mask<S>;
+            type Token = S;
+            const LANES: usize = $lanes;
+
+            #[inline(always)]
+            fn splat(token: S, value: $real) -> Self {
+                SimdBase::splat(token, value)
+            }
+            #[inline(always)]
+            fn load(token: S, values: &[$real]) -> Self {
+                Self::from_slice(token, &values[..$lanes])
+            }
+            #[inline(always)]
+            fn store(self, values: &mut [$real]) {
+                self.store_slice(&mut values[..$lanes]);
+            }
+            #[inline(always)]
+            fn mul_add(self, factor: Self, addend: Self) -> Self {
+                SimdFloat::mul_add(self, factor, addend)
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                SimdFloat::sqrt(self)
+            }
+            #[inline(always)]
+            fn exp(self) -> Self {
+                let mut lanes = [0.0; $lanes];
+                self.store(&mut lanes);
+                Self::from_slice(fearless_simd::ExtractToken::token(&self), &lanes.map(<$real>::exp))
+            }
+            #[inline(always)]
+            fn ln(self) -> Self {
+                let mut lanes = [0.0; $lanes];
+                self.store(&mut lanes);
+                Self::from_slice(fearless_simd::ExtractToken::token(&self), &lanes.map(<$real>::ln))
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                SimdBase::min(self, other)
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                SimdBase::max(self, other)
+            }
+            #[inline(always)]
+            fn lt(self, other: Self) -> $mask<S> {
+                SimdBase::simd_lt(self, other)
+            }
+            #[inline(always)]
+            fn select(mask: $mask<S>, then: Self, otherwise: Self) -> Self {
+                mask.select(then, otherwise)
+            }
+            #[inline(always)]
+            fn both(a: $mask<S>, b: $mask<S>) -> $mask<S> {
+                a & b
+            }
+            #[inline(always)]
+            fn bits(mask: $mask<S>) -> u32 {
+                mask.to_bitmask() as u32
+            }
+        }
+    };
+}
+register_lane!(f32x8, mask32x8, f32, 8);
+register_lane!(f32x16, mask32x16, f32, 16);
+register_lane!(f64x8, mask64x8, f64, 8);

@@ -1,0 +1,340 @@
+//! A scene compiled to the flat arrays that both backends read.
+
+pub mod bvh;
+mod clearance;
+mod emitters;
+mod region;
+
+pub use region::{Reach, Region};
+
+use crate::error::{Error, Result};
+use crate::kernels::constants::*;
+use crate::kernels::integrator::ModelBlock;
+use crate::kernels::layout::*;
+use crate::kernels::material::integrate_ggx_albedo;
+use crate::kernels::view::SceneView;
+use crate::scene::file::MaterialKind;
+use crate::scene::{CameraKind, Environment, Filter, Geometry, Method, Scene, Spacetime};
+use crate::simd::Real;
+use crate::spacetime::ModelKind;
+use glam::{DMat4, Vec3};
+use rayon::prelude::*;
+
+/// Everything a backend needs of a scene, and nothing it does not.
+#[derive(Clone, Debug)]
+pub struct World {
+    /// Everything that is not an array.
+    pub scene: SceneParameters,
+    /// Nodes of the BVH, the root first.
+    pub nodes: Vec<BvhNode>,
+    /// Triangles in groups of eight.
+    pub blocks: Vec<TriangleBlock>,
+    /// Attributes of triangles.
+    pub triangles: Vec<Triangle>,
+    /// Attributes of vertices.
+    pub vertices: Vec<Vertex>,
+    /// Analytic primitives.
+    pub primitives: Vec<Primitive>,
+    /// Material of each object.
+    pub objects: Vec<u32>,
+    /// Materials.
+    pub materials: Vec<Material>,
+    /// Images.
+    pub textures: Vec<Texture>,
+    /// Pool of texels.
+    pub texels: Vec<[u16; 4]>,
+    /// Emitters.
+    pub lights: Vec<Light>,
+    /// Cumulative distribution of the environment.
+    pub environment_cdf: Vec<f32>,
+    /// Clearance grid.
+    pub clearance: Vec<u8>,
+    /// Directional albedo of GGX.
+    pub albedo: Vec<f32>,
+    /// Which model bends the light.
+    pub model: ModelKind,
+    /// Its parameters.
+    pub parameters: ModelBlock<f64>,
+    /// The model as the scene states it.
+    pub spacetime: Spacetime,
+    /// Bounds of all geometry.
+    pub bounds: (Vec3, Vec3),
+    /// Whether nothing in the scene emits light.
+    pub dark: bool,
+}
+
+impl World {
+    /// Compiles a scene. Fails if it asks for more than the layout holds or puts the camera where no ray lives.
+    pub fn compile(scene: &Scene) -> Result<World> {
+        let mut world = World {
+            scene: scene_parameters(scene),
+            nodes: vec![],
+            blocks: vec![],
+            triangles: vec![],
+            vertices: vec![],
+            primitives: vec![],
+            objects: scene.shapes.iter().map(|s| s.material as u32).collect(),
+            materials: scene.materials.iter().map(compile_material).collect(),
+            textures: vec![],
+            texels: vec![],
+            lights: vec![],
+            environment_cdf: vec![],
+            clearance: vec![],
+            albedo: albedo_table(),
+            model: model_kind(&scene.spacetime),
+            parameters: model_parameters(&scene.spacetime),
+            spacetime: scene.spacetime.clone(),
+            bounds: (Vec3::ZERO, Vec3::ZERO),
+            dark: false,
+        };
+        if world.materials.len() >= 0xffff {
+            return Err(Error::World(format!("{} materials, expected fewer than 65535", world.materials.len())));
+        }
+        for image in &scene.images {
+            world.textures.push(Texture { first_index: world.texels.len() as u32, width: image.width, height: image.height });
+            world.texels.extend_from_slice(&image.texels);
+        }
+        if world.texels.len() >= u32::MAX as usize {
+            return Err(Error::World("more than 2^32 texels".into()));
+        }
+        let corners = world.add_shapes(scene)?;
+        let bounds = bvh::build(&mut world, &corners)?;
+        world.bounds = bounds;
+        let region = region::of(&scene.spacetime, bounds, scene.camera.position.as_vec3());
+        let camera_to_scene = (bounds.0.max(bounds.1) - bounds.0).length().min(1e6);
+        world.scene.set_region(&region);
+        world.scene.origin_offset = 1e-7 * camera_to_scene;
+        if world.model != ModelKind::Flat {
+            clearance::build(&mut world, &corners, bounds, &region);
+        }
+        drop(corners);
+        emitters::add(&mut world, scene);
+        region::check_camera(&world, scene)?;
+        Ok(world)
+    }
+
+    /// The arrays, borrowed.
+    pub fn view(&self) -> SceneView<'_> {
+        SceneView {
+            scene: &self.scene,
+            nodes: &self.nodes,
+            blocks: &self.blocks,
+            triangles: &self.triangles,
+            vertices: &self.vertices,
+            primitives: &self.primitives,
+            objects: &self.objects,
+            materials: &self.materials,
+            textures: &self.textures,
+            texels: &self.texels,
+            lights: &self.lights,
+            environment_cdf: &self.environment_cdf,
+            clearance: &self.clearance,
+            albedo: &self.albedo,
+        }
+    }
+
+    /// The model's parameters in the precision of the integrator.
+    pub fn model_block<T: Real>(&self) -> ModelBlock<T> {
+        let convert = |values: &[f64]| values.iter().map(|&v| T::from_f64(v)).collect();
+        ModelBlock {
+            origin: self.parameters.origin.map(T::from_f64),
+            global: convert(&self.parameters.global),
+            sources: convert(&self.parameters.sources),
+        }
+    }
+
+    /// Scene parameters for tracing `origins` on their own: the region reaches around all of them, tolerances are absolute.
+    pub fn trace_parameters(&self, origins: &[[f64; 3]], reach: Reach, tolerance: f64) -> SceneParameters {
+        let around = origins.iter().map(|o| Vec3::from(o.map(|v| v as f32)));
+        let (low, high) = around.fold(self.bounds, |(low, high), o| (low.min(o), high.max(o)));
+        let mut scene = self.scene;
+        scene.set_region(&region::region(&self.spacetime, low, high, reach));
+        scene.tolerance = tolerance as f32;
+        scene.chord_tolerance = (tolerance as f32).max(1e-6);
+        scene
+    }
+
+    /// Bytes of all arrays.
+    pub fn bytes(&self) -> usize {
+        use std::mem::size_of_val;
+        size_of_val(&self.nodes[..])
+            + size_of_val(&self.blocks[..])
+            + size_of_val(&self.triangles[..])
+            + size_of_val(&self.vertices[..])
+            + size_of_val(&self.primitives[..])
+            + size_of_val(&self.texels[..])
+            + size_of_val(&self.lights[..])
+            + size_of_val(&self.environment_cdf[..])
+            + self.clearance.len()
+    }
+
+    /// Appends primitives, triangles and vertices; returns the corners of every triangle.
+    fn add_shapes(&mut self, scene: &Scene) -> Result<Vec<[Vec3; 3]>> {
+        let mut corners = Vec::new();
+        for (object, shape) in scene.shapes.iter().enumerate() {
+            let object = object as u32;
+            let mut data = [0.0f32; 12];
+            let kind = match &shape.geometry {
+                Geometry::Sphere { center, radius } => {
+                    data[..3].copy_from_slice(&center.as_vec3().to_array());
+                    data[3] = *radius as f32;
+                    PRIMITIVE_SPHERE
+                }
+                Geometry::Quad { corner, u, v } => {
+                    for (i, vector) in [corner, u, v].into_iter().enumerate() {
+                        data[3 * i..3 * i + 3].copy_from_slice(&vector.as_vec3().to_array());
+                    }
+                    PRIMITIVE_QUAD
+                }
+                Geometry::Box { world_from_unit } => {
+                    let unit_from_world: DMat4 = world_from_unit.inverse();
+                    for (i, value) in data.iter_mut().enumerate() {
+                        *value = unit_from_world.row(i / 4)[i % 4] as f32;
+                    }
+                    PRIMITIVE_BOX
+                }
+                Geometry::Mesh(mesh) => {
+                    let first = self.vertices.len();
+                    if first + mesh.positions.len() >= u32::MAX as usize || self.triangles.len() + mesh.indices.len() >= CHILD_INDEX as usize {
+                        return Err(Error::World("more triangles than 2^30".into()));
+                    }
+                    let attribute = |values: &[[f32; 3]], i: usize| values.get(i).copied().unwrap_or([0.0; 3]);
+                    self.vertices.extend((0..mesh.positions.len()).map(|i| Vertex {
+                        normal: attribute(&mesh.normals, i),
+                        uv: mesh.uvs.get(i).copied().unwrap_or([0.0; 2]),
+                    }));
+                    for t in &mesh.indices {
+                        corners.push(t.map(|i| Vec3::from(mesh.positions[i as usize])));
+                        self.triangles.push(Triangle { vertices: t.map(|i| i + first as u32), object });
+                    }
+                    continue;
+                }
+            };
+            self.primitives.push(Primitive { data, kind, object });
+        }
+        Ok(corners)
+    }
+}
+
+impl SceneParameters {
+    fn set_region(&mut self, region: &Region) {
+        self.region_center = region.center.to_array();
+        self.region_radius = region.radius;
+        self.region_strength = region.strength;
+    }
+}
+
+fn compile_material(m: &crate::scene::Material) -> Material {
+    let index = |t: Option<usize>| t.map_or(NO_INDEX, |i| i as u32);
+    Material {
+        base_color: m.base_color,
+        kind: match m.kind {
+            MaterialKind::Diffuse => MATERIAL_DIFFUSE,
+            MaterialKind::Metallic => MATERIAL_METALLIC,
+            MaterialKind::Dielectric => MATERIAL_DIELECTRIC,
+            MaterialKind::Emissive => MATERIAL_EMISSIVE,
+        },
+        emission: m.emission,
+        roughness: m.roughness,
+        absorption: m.absorption,
+        ior: m.ior,
+        base_texture: index(m.textures[0]),
+        roughness_texture: index(m.textures[1]),
+        emission_texture: index(m.textures[2]),
+        flags: if m.two_sided { MATERIAL_TWO_SIDED } else { 0 },
+    }
+}
+
+fn model_kind(spacetime: &Spacetime) -> ModelKind {
+    match spacetime {
+        Spacetime::Flat => ModelKind::Flat,
+        Spacetime::Gravity { exponent: None, .. } => ModelKind::ThesisGravity,
+        Spacetime::Gravity { exponent: Some(_), .. } => ModelKind::PowerGravity,
+        Spacetime::Schwarzschild { .. } => ModelKind::Schwarzschild,
+    }
+}
+
+fn model_parameters(spacetime: &Spacetime) -> ModelBlock<f64> {
+    match spacetime {
+        Spacetime::Flat => ModelBlock::default(),
+        Spacetime::Gravity { exponent, sources, .. } => ModelBlock {
+            origin: [0.0; 3],
+            global: vec![],
+            sources: sources.iter().flat_map(|s| exponent.map_or_else(|| s.thesis_parameters(), |e| s.power_parameters(e))).collect(),
+        },
+        Spacetime::Schwarzschild { mass, position } => ModelBlock { origin: (*position).into(), global: vec![*mass], sources: vec![] },
+    }
+}
+
+/// Share of the distance to the target at which a camera ray's cone has its starting width.
+const NEAR_SHARE: f64 = 0.05;
+
+fn scene_parameters(scene: &Scene) -> SceneParameters {
+    let camera = &scene.camera;
+    let film = &scene.film;
+    let single = |v: glam::DVec3| v.as_vec3().to_array();
+    let tan_half_fov = (camera.fov_radians / 2.0).tan();
+    let spread = match camera.kind {
+        CameraKind::Perspective => 2.0 * tan_half_fov / f64::from(film.height),
+        CameraKind::Panorama => std::f64::consts::PI / f64::from(film.height),
+    };
+    let mut p = SceneParameters {
+        camera_position: single(camera.position),
+        tan_half_fov: tan_half_fov as f32,
+        camera_right: single(camera.right),
+        aspect: film.width as f32 / film.height as f32,
+        camera_up: single(camera.up),
+        aperture_radius: camera.aperture_radius as f32,
+        camera_forward: single(camera.forward),
+        focus_distance: camera.focus_distance as f32,
+        camera_kind: if camera.kind == CameraKind::Panorama { CAMERA_PANORAMA } else { CAMERA_PERSPECTIVE },
+        filter_kind: if film.filter == Filter::Box { FILTER_BOX } else { FILTER_GAUSSIAN },
+        film_width: film.width,
+        film_height: film.height,
+        pixel_spread: spread as f32,
+        cone_width: (spread * NEAR_SHARE * camera.focus_distance) as f32,
+        tolerance: scene.integrator.tolerance as f32,
+        chord_tolerance: scene.integrator.chord_tolerance as f32,
+        step_length: scene.integrator.step as f32,
+        max_steps: scene.integrator.max_steps,
+        method: if scene.integrator.method == Method::Euler { METHOD_EULER } else { METHOD_NYSTROM },
+        literal_kick: matches!(scene.spacetime, Spacetime::Gravity { literal: true, .. }) as u32,
+        max_depth: film.max_depth,
+        environment_texture: NO_INDEX,
+        light_share: LIGHT_SHARE,
+        ..bytemuck::Zeroable::zeroed()
+    };
+    match &scene.environment {
+        Environment::Constant(color) => {
+            p.environment_kind = ENVIRONMENT_CONSTANT;
+            p.environment_color = *color;
+        }
+        Environment::Gradient { zenith, horizon, nadir } => {
+            p.environment_kind = ENVIRONMENT_GRADIENT;
+            (p.environment_color, p.environment_horizon, p.environment_nadir) = (*zenith, *horizon, *nadir);
+        }
+        Environment::Grid { line, north, south, spacing, width } => {
+            p.environment_kind = ENVIRONMENT_GRID;
+            (p.environment_color, p.environment_horizon, p.environment_nadir) = (*line, *north, *south);
+            (p.environment_angle, p.environment_scale) = (*spacing as f32, *width as f32);
+        }
+        Environment::Image { image, scale, rotation } => {
+            p.environment_kind = ENVIRONMENT_IMAGE;
+            p.environment_texture = *image as u32;
+            (p.environment_scale, p.environment_angle) = (*scale, *rotation as f32);
+        }
+    }
+    p
+}
+
+/// Directional albedo of GGX with reflectance 1: rows of perceptual roughness, columns of the cosine of the viewing angle.
+fn albedo_table() -> Vec<f32> {
+    let last = (ALBEDO_SIZE - 1) as f32;
+    (0..ALBEDO_SIZE * ALBEDO_SIZE)
+        .into_par_iter()
+        .map(|i| {
+            let roughness = (i / ALBEDO_SIZE) as f32 / last;
+            integrate_ggx_albedo((i % ALBEDO_SIZE) as f32 / last, (roughness * roughness).max(MIN_ALPHA))
+        })
+        .collect()
+}
