@@ -18,7 +18,7 @@ use spacetime::expr::emit::Dialect;
 use spacetime::expr::model::ModelFormulas;
 
 /// Kernels that exist once, and the one that exists per model and precision.
-const SHARED_KERNELS: &[&str] = &[];
+const SHARED_KERNELS: &[&str] = &["generate", "prepare", "shade", "escape", "resolve"];
 const MODEL_KERNEL: &str = "advance";
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -57,7 +57,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for kernel in SHARED_KERNELS {
         compile(kernel, kernel, Dialect::Glsl32, "flat")?;
     }
-    for model in [] as [spacetime::ModelKind; 0] {
+    for model in spacetime::ModelKind::ALL {
         for dialect in [Dialect::Glsl32, Dialect::Glsl64] {
             let name = format!("{MODEL_KERNEL}_{}{}", model.stem(), suffix(dialect));
             compile(MODEL_KERNEL, &name, dialect, model.stem())?;

@@ -18,7 +18,7 @@ struct Arrival {
     uint status;
     float u;
     float v;
-    float length;
+    float path_length;
     float redshift;
     uint steps;
     uint chords;
@@ -140,7 +140,7 @@ bool shade(uint seed, uint sample_index, Surface surface, inout PathState path, 
     // Absorb inside the dielectric that the ray crossed.
     uint inside = media_top(path.media);
     if (inside != 0) {
-        path.throughput *= exp(-material_at(inside - 1).absorption * arrival.length);
+        path.throughput *= exp(-material_at(inside - 1).absorption * arrival.path_length);
     }
 
     // Count emission, on the outer side or on both.
@@ -221,7 +221,7 @@ bool shade(uint seed, uint sample_index, Surface surface, inout PathState path, 
     float offset = ORIGIN_OFFSET * max(size.x, max(size.y, size.z)) + SCENE.origin_offset;
     path.origin = surface.position + geometric * (reflects ? offset : -offset);
     path.direction = wi;
-    path.width += path.spread * arrival.length;
+    path.width += path.spread * arrival.path_length;
     float scatter = material.kind == MATERIAL_DIFFUSE ? 1.0 : min(bsdf.alpha, 1.0);
     path.spread = max(path.spread, DIFFUSE_SPREAD * scatter);
     path.bounce += 1;

@@ -3,6 +3,7 @@
 //! Sums are 64-bit fixed-point numbers (unit 2^-24), so adding is associative: the same samples give the same film to the bit in
 //! whatever order, on however many threads, in one run or merged from several.
 
+pub mod compare;
 mod exr;
 mod png;
 

@@ -53,7 +53,7 @@ pub struct Arrival {
     /// Surface coordinate of the hit.
     pub v: f32,
     /// Coordinate length of the ray.
-    pub length: f32,
+    pub path_length: f32,
     /// Frequency at the start over frequency at the end, for static observers and light travelling back along the ray.
     pub redshift: f32,
     /// Integration steps.
@@ -216,7 +216,7 @@ pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, 
     let inside = media_top(path.media);
     if inside != 0 {
         let absorption = Vec3::from(view.materials[inside as usize - 1].absorption);
-        path.throughput *= (-absorption * arrival.length).exp();
+        path.throughput *= (-absorption * arrival.path_length).exp();
     }
 
     // Count emission, on the outer side or on both.
@@ -302,7 +302,7 @@ pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, 
     let offset = ORIGIN_OFFSET * surface.position.abs().max_element() + scene.origin_offset;
     path.origin = surface.position + geometric * if reflects { offset } else { -offset };
     path.direction = wi;
-    path.width += path.spread * arrival.length;
+    path.width += path.spread * arrival.path_length;
     let scatter = if material.kind == MATERIAL_DIFFUSE { 1.0 } else { bsdf.alpha.min(1.0) };
     path.spread = path.spread.max(DIFFUSE_SPREAD * scatter);
     path.bounce += 1;
@@ -323,7 +323,7 @@ pub fn hit_aov(view: &SceneView, surface: &Surface, arrival: &Arrival) -> Aov {
 pub fn miss_aov(arrival: &Arrival) -> Aov {
     Aov {
         redshift: arrival.redshift,
-        distance: arrival.length,
+        distance: arrival.path_length,
         constraint_error: arrival.constraint_error,
         status: arrival.status,
         steps: arrival.steps,

@@ -130,6 +130,11 @@ macro_rules! model_kind {
             pub fn stem(self) -> &'static str {
                 match self { $(ModelKind::$name => stringify!($stem)),+ }
             }
+
+            /// Numbers per source in the model's parameter block.
+            pub fn source_stride(self) -> usize {
+                match self { $(ModelKind::$name => <<$name as Medium>::Source<f64> as Parameters<f64>>::NAMES.len()),+ }
+            }
         }
     };
 }

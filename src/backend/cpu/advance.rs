@@ -140,7 +140,7 @@ impl<T: Scalar> Solo<T> {
                 status,
                 u: hit.u,
                 v: hit.v,
-                length: self.length,
+                path_length: self.length,
                 redshift,
                 steps: self.steps,
                 chords: self.chords,

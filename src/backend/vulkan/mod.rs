@@ -1,16 +1,483 @@
-//! stub
-use super::*;
-use crate::error::Error;
-pub struct VulkanBackend;
-impl VulkanBackend {
-    pub fn new(_: Option<&str>) -> Result<Self> { Err(Error::NoDevice { missing: "stub".into() }) }
-    pub fn is_software(&self) -> bool { true }
+//! The Vulkan backend: wavefront kernels over a pool of path slots.
+//!
+//! A batch fills the slots with camera paths and runs rounds of `advance -> prepare -> shade, escape -> prepare` with
+//! indirect dispatches until no path is left; the host only looks once per submission. `resolve` then adds the batch to
+//! the film. Batches are sized by measured time, so that a submission stays near 100 ms.
+
+pub mod buffer;
+pub mod command;
+pub mod device;
+pub mod instance;
+pub mod pipeline;
+mod scene;
+
+use super::{Backend, KernelTiming, Precision, TraceOptions, TraceRay, TraceResult};
+use crate::error::{Error, Result};
+use crate::film::{Film, Statistics};
+use crate::kernels::constants::*;
+use crate::kernels::layout::Aov;
+use crate::kernels::path::Arrival;
+use crate::spacetime::ModelKind;
+use crate::world::{Reach, World};
+use buffer::Buffer;
+use bytemuck::{Pod, Zeroable};
+use command::Commands;
+use device::Device;
+use glam::Vec3;
+use gpu_allocator::MemoryLocation;
+use instance::Instance;
+use pipeline::{Layout, Pipeline, kernel_spirv};
+use scene::{DeviceScene, download, upload_at};
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Words of 16 bytes that a path takes in memory (`bindings.glsl`).
+const PATH_WORDS: u64 = 13;
+/// Most path slots.
+const MAX_SLOTS: u64 = 1 << 21;
+/// Slots of the first batch, before anything was measured.
+const FIRST_SLOTS: u32 = 8192;
+/// Time a submission should take.
+const SUBMIT_TIME: Duration = Duration::from_millis(80);
+/// Most rounds in one submission.
+const MAX_ROUNDS: u32 = 64;
+/// How often the film is copied to the host, so that a lost device does not lose it.
+const SNAPSHOT_INTERVAL: Duration = Duration::from_secs(10);
+/// Words of the counter buffer (`bindings.glsl`).
+const COUNTERS: u64 = 20;
+
+/// Push constants of every kernel.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct Push {
+    scene: u64,
+    sums: u64,
+    aovs: u64,
+    first_row: u32,
+    row_count: u32,
+    first_sample: u32,
+    slot_count: u32,
+    aov_sample: u32,
+    parity: u32,
+    stage: u32,
+    capacity: u32,
+    length_limit: f32,
+    tracing: u32,
 }
+
+/// Pipelines of one model and precision.
+struct Kernels {
+    generate: Pipeline,
+    prepare: Pipeline,
+    advance: Pipeline,
+    shade: Pipeline,
+    escape: Pipeline,
+    resolve: Pipeline,
+}
+
+/// A world on the device and its film.
+struct Loaded {
+    world: Arc<World>,
+    precision: Precision,
+    model: ModelKind,
+    kernels: Kernels,
+    scene: DeviceScene,
+    sums: Buffer,
+    aovs: Buffer,
+    first_sample: u32,
+    counts: Vec<u32>,
+    statistics: Statistics,
+    snapshot: Film,
+    snapshot_at: Instant,
+}
+
+/// Renders on a Vulkan device.
+pub struct VulkanBackend {
+    loaded: Option<Loaded>,
+    slots: u32,
+    capacity: u32,
+    paths: Buffer,
+    counters: Buffer,
+    queues: Buffer,
+    readback: Buffer,
+    commands: Commands,
+    layout: Layout,
+    device: Arc<Device>,
+}
+
+/// What the counters say after a submission.
+struct Counts {
+    remaining: u32,
+    statistics: Statistics,
+}
+
+impl VulkanBackend {
+    /// Opens the best device, or the one `wanted` names by number or part of its name.
+    pub fn new(wanted: Option<&str>) -> Result<VulkanBackend> {
+        let device = Device::new(Arc::new(Instance::new()?), wanted)?;
+        let layout = Layout::new(&device, 3, size_of::<Push>() as u32)?;
+        let by_range = u64::from(device.report.max_storage_buffer_range) / (PATH_WORDS * 16);
+        let by_memory = device.report.memory / 4 / (PATH_WORDS * 16);
+        // Dispatches are one-dimensional: at most 65535 workgroups everywhere.
+        let by_groups = 65535 * u64::from(WORKGROUP_SIZE);
+        let capacity = by_range.min(by_memory).min(by_groups).min(MAX_SLOTS) as u32;
+        let paths = Buffer::new(&device, "paths", u64::from(capacity) * PATH_WORDS * 16, MemoryLocation::GpuOnly)?;
+        let counters = Buffer::new(&device, "counters", COUNTERS * 4, MemoryLocation::GpuOnly)?;
+        let queues = Buffer::new(&device, "queues", u64::from(capacity) * 16, MemoryLocation::GpuOnly)?;
+        let readback = Buffer::new(&device, "readback", 32 << 20, MemoryLocation::GpuToCpu)?;
+        layout.bind(&[&paths, &counters, &queues]);
+        let commands = Commands::new(&device)?;
+        Ok(VulkanBackend { loaded: None, slots: FIRST_SLOTS.min(capacity), capacity, paths, counters, queues, readback, commands, layout, device })
+    }
+
+    /// Whether the device is an implementation on the processor.
+    pub fn is_software(&self) -> bool {
+        self.device.report.is_software()
+    }
+
+    /// Whether double-precision kernels run on the device.
+    pub fn supports_f64(&self) -> bool {
+        self.device.report.float64
+    }
+
+    /// The device's memory after everything that was allocated; for tests of other modules.
+    pub fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    fn kernels(&self, model: ModelKind, precision: Precision) -> Result<Kernels> {
+        let build = |name: &str| {
+            let code = kernel_spirv(name).ok_or_else(|| Error::Vulkan { call: "kernel_spirv", result: format!("no kernel `{name}`") })?;
+            Pipeline::new(&self.device, &self.layout, name, code)
+        };
+        Ok(Kernels {
+            generate: build("generate")?,
+            prepare: build("prepare")?,
+            advance: build(&format!("advance_{}_{}", model.stem(), precision.suffix()))?,
+            shade: build("shade")?,
+            escape: build("escape")?,
+            resolve: build("resolve")?,
+        })
+    }
+
+    fn push(&self, loaded: &Loaded) -> Push {
+        Push {
+            scene: loaded.scene.address(),
+            sums: loaded.sums.address(),
+            aovs: loaded.aovs.address(),
+            aov_sample: loaded.first_sample,
+            capacity: self.capacity,
+            length_limit: FAR,
+            ..Zeroable::zeroed()
+        }
+    }
+
+    /// Renders one batch: as many rows and samples as `push` says.
+    fn run_batch(&mut self, loaded: &mut Loaded, mut push: Push) -> Result<()> {
+        let groups = push.slot_count.div_ceil(WORKGROUP_SIZE);
+        let pixels = push.row_count * loaded.world.scene.film_width;
+        let mut rounds = loaded.world.scene.max_depth + 1;
+        let mut first = true;
+        let mut started = 0;
+        loop {
+            self.commands.begin()?;
+            if first {
+                self.commands.clear(&self.counters);
+                self.commands.barrier();
+                self.commands.dispatch(&self.layout, &loaded.kernels.generate, bytemuck::bytes_of(&push), groups);
+                self.commands.barrier();
+                self.commands.dispatch(&self.layout, &loaded.kernels.prepare, bytemuck::bytes_of(&push), 1);
+                self.commands.barrier();
+            }
+            for _ in 0..rounds.clamp(1, MAX_ROUNDS) {
+                push.parity = started % 2;
+                started += 1;
+                self.record_round(&loaded.kernels, push, true);
+            }
+            // Does nothing while paths are left.
+            self.commands.dispatch(&self.layout, &loaded.kernels.resolve, bytemuck::bytes_of(&push), pixels.div_ceil(WORKGROUP_SIZE));
+            let counts = self.finish_submission()?;
+            if counts.remaining == 0 {
+                loaded.statistics.add(counts.statistics);
+                return Ok(());
+            }
+            first = false;
+            rounds = 8;
+        }
+    }
+
+    /// Records one round: flight, then shading of what it met.
+    fn record_round(&mut self, kernels: &Kernels, mut push: Push, shading: bool) {
+        let indirect = |word: u64| word * 4;
+        let (layout, counters) = (&self.layout, &self.counters);
+        self.commands.dispatch_indirect(layout, &kernels.advance, bytemuck::bytes_of(&push), counters, indirect(0));
+        self.commands.barrier();
+        push.stage = 1;
+        self.commands.dispatch(layout, &kernels.prepare, bytemuck::bytes_of(&push), 1);
+        self.commands.barrier();
+        if shading {
+            self.commands.dispatch_indirect(layout, &kernels.shade, bytemuck::bytes_of(&push), counters, indirect(4));
+            self.commands.barrier();
+            self.commands.dispatch_indirect(layout, &kernels.escape, bytemuck::bytes_of(&push), counters, indirect(8));
+            self.commands.barrier();
+        }
+        push.stage = 2;
+        self.commands.dispatch(layout, &kernels.prepare, bytemuck::bytes_of(&push), 1);
+        self.commands.barrier();
+    }
+
+    /// Submits, waits, and reads the counters.
+    fn finish_submission(&mut self) -> Result<Counts> {
+        self.commands.barrier();
+        self.commands.copy(&self.counters, 0, &self.readback, 0, COUNTERS * 4);
+        self.commands.submit()?;
+        let bytes = &self.readback.mapped()?[..COUNTERS as usize * 4];
+        let word = |i: usize| u32::from_le_bytes([bytes[4 * i], bytes[4 * i + 1], bytes[4 * i + 2], bytes[4 * i + 3]]);
+        Ok(Counts {
+            remaining: word(3),
+            statistics: Statistics {
+                exhausted: u64::from(word(14)),
+                invalid: u64::from(word(15)),
+                rays: u64::from(word(16)) | u64::from(word(17)) << 32,
+            },
+        })
+    }
+
+    fn accumulate_in(&mut self, loaded: &mut Loaded, rows: Range<u32>, samples: Range<u32>) -> Result<()> {
+        let width = loaded.world.scene.film_width;
+        let mut row = rows.start;
+        while row < rows.end {
+            let row_count = (self.slots / width).clamp(1, rows.end - row).min((self.capacity / width).max(1));
+            let mut sample = samples.start;
+            while sample < samples.end {
+                let per_pixel = (self.slots / (width * row_count)).clamp(1, samples.end - sample);
+                let push = Push {
+                    first_row: row,
+                    row_count,
+                    first_sample: sample,
+                    slot_count: width * row_count * per_pixel,
+                    ..self.push(loaded)
+                };
+                let start = Instant::now();
+                self.run_batch(loaded, push)?;
+                let scale = SUBMIT_TIME.as_secs_f64() / start.elapsed().as_secs_f64().max(1e-6);
+                let wanted = f64::from(push.slot_count) * scale.clamp(0.25, 2.0);
+                self.slots = (wanted as u32).clamp(width.min(self.capacity), self.capacity);
+                sample += per_pixel;
+            }
+            let span = (row * width) as usize..((row + row_count) * width) as usize;
+            loaded.counts[span].iter_mut().for_each(|c| *c += samples.len() as u32);
+            row += row_count;
+        }
+        if loaded.snapshot_at.elapsed() > SNAPSHOT_INTERVAL {
+            loaded.snapshot = self.read_film(loaded)?;
+            loaded.snapshot_at = Instant::now();
+        }
+        Ok(())
+    }
+
+    fn read_film(&mut self, loaded: &Loaded) -> Result<Film> {
+        let scene = &loaded.world.scene;
+        let mut film = Film::new(scene.film_width, scene.film_height, loaded.first_sample);
+        let pixels = film.sums.len() as u64;
+        let sums = download(&mut self.commands, &mut self.readback, &loaded.sums, 0, pixels * 32)?;
+        bytemuck::cast_slice_mut::<_, u8>(&mut film.sums).copy_from_slice(&sums);
+        let aovs = download(&mut self.commands, &mut self.readback, &loaded.aovs, 0, pixels * size_of::<Aov>() as u64)?;
+        bytemuck::cast_slice_mut::<_, u8>(&mut film.aovs).copy_from_slice(&aovs);
+        film.counts.clone_from(&loaded.counts);
+        film.statistics = loaded.statistics;
+        Ok(film)
+    }
+
+    fn trace_in(&mut self, loaded: &mut Loaded, rays: &[TraceRay], options: TraceOptions) -> Result<Vec<TraceResult>> {
+        let origins: Vec<[f64; 3]> = rays.iter().map(|r| r.origin).collect();
+        let reach = if loaded.precision == Precision::F64 { Reach::Exact } else { Reach::Picture };
+        let parameters = loaded.world.trace_parameters(&origins, reach, options.tolerance);
+        loaded.scene.set_parameters(&mut self.commands, &parameters)?;
+        let mut results = Vec::with_capacity(rays.len());
+        for chunk in rays.chunks(self.slots as usize) {
+            let count = chunk.len() as u32;
+            let gravity = matches!(loaded.model, ModelKind::ThesisGravity | ModelKind::PowerGravity);
+            let words = launch_words(chunk, loaded.precision, gravity);
+            let mut staging = Buffer::new(&self.device, "staging", 1 << 20, MemoryLocation::CpuToGpu)?;
+            for (word, values) in words {
+                let offset = word * u64::from(self.capacity) * 16;
+                upload_at(&mut self.commands, &mut staging, &self.paths, offset, bytemuck::cast_slice(&values))?;
+            }
+            let order: Vec<u32> = (0..count).collect();
+            upload_at(&mut self.commands, &mut staging, &self.queues, 0, bytemuck::cast_slice(&order))?;
+            let mut push = Push {
+                slot_count: count,
+                tracing: 1,
+                length_limit: options.length.map_or(FAR, |l| l as f32),
+                ..self.push(loaded)
+            };
+            let mut started = 0;
+            loop {
+                self.commands.begin()?;
+                if started == 0 {
+                    self.commands.clear(&self.counters);
+                    self.commands.barrier();
+                    self.commands.dispatch(&self.layout, &loaded.kernels.prepare, bytemuck::bytes_of(&push), 1);
+                    self.commands.barrier();
+                }
+                for _ in 0..8 {
+                    push.parity = started % 2;
+                    started += 1;
+                    self.record_round(&loaded.kernels, push, false);
+                }
+                if self.finish_submission()?.remaining == 0 {
+                    break;
+                }
+            }
+            let mut read = |word: u64| -> Result<Vec<[u32; 4]>> {
+                let offset = word * u64::from(self.capacity) * 16;
+                let bytes = download(&mut self.commands, &mut self.readback, &self.paths, offset, u64::from(count) * 16)?;
+                Ok(bytemuck::pod_collect_to_vec(&bytes))
+            };
+            let words = [read(4)?, read(5)?, read(6)?, read(7)?, read(8)?, read(9)?, read(10)?, read(11)?];
+            results.extend((0..chunk.len()).map(|i| landing(&words, i, loaded.precision, loaded.model)));
+        }
+        loaded.scene.set_parameters(&mut self.commands, &loaded.world.scene)?;
+        Ok(results)
+    }
+}
+
+/// State words of rays about to be launched: (word, values).
+fn launch_words(rays: &[TraceRay], precision: Precision, gravity: bool) -> Vec<(u64, Vec<[u32; 4]>)> {
+    const FRESH_TRACED: u32 = 0xffff_fffe;
+    let unit = |d: [f64; 3]| {
+        let size = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+        (d.map(|c| c / size), if gravity { size } else { 1.0 })
+    };
+    let single = |v: [f64; 3], w: f32| [v[0] as f32, v[1] as f32, v[2] as f32, w].map(f32::to_bits);
+    let pair = |a: f64, b: f64| {
+        let (a, b) = (a.to_bits(), b.to_bits());
+        [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32]
+    };
+    let mut words = vec![
+        (0, rays.iter().map(|r| single(r.origin, 1.0)).collect()),
+        (1, rays.iter().map(|r| single(unit(r.direction).0, 0.0)).collect()),
+        (12, vec![[0, 0, FRESH_TRACED, 0]; rays.len()]),
+    ];
+    match precision {
+        Precision::F32 => {
+            words.push((8, rays.iter().map(|r| single(r.origin, unit(r.direction).1 as f32)).collect()));
+            words.push((10, rays.iter().map(|r| single(unit(r.direction).0, 0.0)).collect()));
+        }
+        Precision::F64 => {
+            words.push((8, rays.iter().map(|r| pair(r.origin[0], r.origin[1])).collect()));
+            words.push((9, rays.iter().map(|r| pair(r.origin[2], unit(r.direction).1)).collect()));
+            words.push((10, rays.iter().map(|r| pair(unit(r.direction).0[0], unit(r.direction).0[1])).collect()));
+            words.push((11, rays.iter().map(|r| pair(unit(r.direction).0[2], 0.0)).collect()));
+        }
+    }
+    words
+}
+
+/// The end of ray `i`, from words 4 to 11 of its path.
+fn landing(words: &[Vec<[u32; 4]>; 8], i: usize, precision: Precision, model: ModelKind) -> TraceResult {
+    let word = |w: usize| words[w - 4][i];
+    let floats = |w: usize| word(w).map(f32::from_bits);
+    let double = |w: usize, half: usize| f64::from_bits(u64::from(word(w)[2 * half]) | u64::from(word(w)[2 * half + 1]) << 32);
+    let (p, t, s, l) = (floats(4), floats(5), floats(6), word(7));
+    let arrival = Arrival {
+        position: Vec3::new(p[0], p[1], p[2]),
+        primitive: word(4)[3],
+        direction: Vec3::new(t[0], t[1], t[2]),
+        status: word(5)[3],
+        u: s[0],
+        v: s[1],
+        path_length: s[2],
+        redshift: s[3],
+        steps: l[0],
+        chords: l[1],
+        constraint_error: f32::from_bits(l[2]),
+    };
+    let three = |v: [f32; 4]| [f64::from(v[0]), f64::from(v[1]), f64::from(v[2])];
+    let (position, direction, speed) = match (model, precision) {
+        (ModelKind::Flat, _) => (three(p), three(t), 1.0),
+        (_, Precision::F32) => (three(floats(8)), three(floats(10)), f64::from(floats(10)[3])),
+        (_, Precision::F64) => {
+            ([double(8, 0), double(8, 1), double(9, 0)], [double(10, 0), double(10, 1), double(11, 0)], double(11, 1))
+        }
+    };
+    TraceResult { arrival, position, direction, velocity: direction.map(|d| d * speed) }
+}
+
 impl Backend for VulkanBackend {
-    fn name(&self) -> String { String::new() }
-    fn upload(&mut self, _: Arc<World>, _: Precision, _: u32) -> Result<()> { Ok(()) }
-    fn accumulate(&mut self, _: Range<u32>, _: Range<u32>) -> Result<()> { Ok(()) }
-    fn film(&mut self) -> Result<Film> { Err(Error::Interrupted) }
-    fn trace(&mut self, _: &[TraceRay], _: TraceOptions) -> Result<Vec<TraceResult>> { Ok(vec![]) }
-    fn timings(&mut self) -> Vec<KernelTiming> { vec![] }
+    fn name(&self) -> String {
+        let r = &self.device.report;
+        format!("vulkan, {}", r.name)
+    }
+
+    fn upload(&mut self, world: Arc<World>, precision: Precision, first_sample: u32) -> Result<()> {
+        if precision == Precision::F64 && !self.device.report.float64 {
+            return Err(Error::NoDevice { missing: format!("{} has no shaderFloat64, which --precision f64 needs", self.device.report.name) });
+        }
+        let kernels = self.kernels(world.model, precision)?;
+        self.loaded = None;
+        let scene = DeviceScene::new(&self.device, &mut self.commands, &world, precision)?;
+        let (width, height) = (world.scene.film_width, world.scene.film_height);
+        let film = Film::new(width, height, first_sample);
+        let pixels = film.sums.len() as u64;
+        let sums = Buffer::new(&self.device, "film sums", pixels * 32, MemoryLocation::GpuOnly)?;
+        let aovs = Buffer::new(&self.device, "film aovs", pixels * size_of::<Aov>() as u64, MemoryLocation::GpuOnly)?;
+        self.commands.begin()?;
+        self.commands.clear(&sums);
+        self.commands.clear(&aovs);
+        self.commands.barrier();
+        self.commands.submit()?;
+        self.loaded = Some(Loaded {
+            model: world.model,
+            world,
+            precision,
+            kernels,
+            scene,
+            sums,
+            aovs,
+            first_sample,
+            counts: vec![0; pixels as usize],
+            statistics: Statistics::default(),
+            snapshot: film,
+            snapshot_at: Instant::now(),
+        });
+        Ok(())
+    }
+
+    fn accumulate(&mut self, rows: Range<u32>, samples: Range<u32>) -> Result<()> {
+        let mut loaded = self.take_loaded()?;
+        let outcome = self.accumulate_in(&mut loaded, rows, samples);
+        self.loaded = Some(loaded);
+        outcome
+    }
+
+    fn film(&mut self) -> Result<Film> {
+        let loaded = self.take_loaded()?;
+        let outcome = match self.read_film(&loaded) {
+            Err(Error::DeviceLost { .. }) => Ok(loaded.snapshot.clone()),
+            film => film,
+        };
+        self.loaded = Some(loaded);
+        outcome
+    }
+
+    fn trace(&mut self, rays: &[TraceRay], options: TraceOptions) -> Result<Vec<TraceResult>> {
+        let mut loaded = self.take_loaded()?;
+        let outcome = self.trace_in(&mut loaded, rays, options);
+        self.loaded = Some(loaded);
+        outcome
+    }
+
+    fn timings(&mut self) -> Vec<KernelTiming> {
+        let times = self.commands.take_times();
+        times.into_iter().map(|(kernel, (count, time))| KernelTiming { kernel, count, time }).collect()
+    }
+}
+
+impl VulkanBackend {
+    fn take_loaded(&mut self) -> Result<Loaded> {
+        self.loaded.take().ok_or_else(|| Error::World("no scene was uploaded".into()))
+    }
 }

@@ -75,10 +75,6 @@ impl Expr {
         }
     }
 
-    fn is(self, value: f64) -> bool {
-        self.value() == Some(value)
-    }
-
     /// Evaluates the formula in f64; `inputs` gives the value of every named input.
     pub fn evaluate(self, inputs: &HashMap<&str, f64>) -> f64 {
         let at = |e: Expr| e.evaluate(inputs);

@@ -1,0 +1,50 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_buffer_reference : require
+// Follows rays for a bounded number of steps. Compiled once per bending model and precision.
+
+#include "bindings.glsl"
+#include "math.glsl"
+#include "triangle.glsl"
+#include "primitive.glsl"
+#include "bvh.glsl"
+#include "path.glsl"
+#include "state.glsl"
+#ifndef FLAT
+#include "clearance.glsl"
+#include "model.glsl"
+#include "integrator.glsl"
+#include "flight.glsl"
+#endif
+
+void land(uint slot, Arrival arrival) {
+    store_arrival(slot, arrival);
+    if (arrival.status == STATUS_HIT) {
+        queue[queue_shade() + atomicAdd(counters[COUNT_SHADE + 3], 1)] = slot;
+    } else {
+        queue[queue_escape() + atomicAdd(counters[COUNT_ESCAPE + 3], 1)] = slot;
+    }
+}
+
+#ifdef FLAT
+void advance(uint slot) {
+    vec3 origin = uintBitsToFloat(load_word(slot, WORD_ORIGIN).xyz);
+    vec3 direction = uintBitsToFloat(load_word(slot, WORD_DIRECTION).xyz);
+    Curve curve = straight(origin, direction);
+    Hit hit = Hit(push.length_limit, NO_INDEX, 0.0, 0.0);
+    closest_hit(curve, hit);
+    bool found = hit.primitive != NO_INDEX;
+    bool stopped = push.length_limit < FAR;
+    float travelled = found || stopped ? hit.t : 0.0;
+    uint status = found ? STATUS_HIT : (stopped ? STATUS_FLYING : STATUS_ESCAPED);
+    land(slot, Arrival(origin + direction * travelled, hit.primitive, direction, status, hit.u, hit.v, travelled, 1.0, 0u, 1u, 0.0));
+}
+#endif
+
+void main() {
+    uint i = gl_GlobalInvocationID.x;
+    if (i >= counters[COUNT_ADVANCE + 3]) {
+        return;
+    }
+    advance(queue[queue_advance(push.parity) + i]);
+}

@@ -1,0 +1,227 @@
+// Every buffer and its accessor. Scene arrays and the film are reached by address, so that they may be larger than a storage
+// buffer range; paths and queues are descriptors. The accessors' twins are in src/kernels/view.rs.
+
+#ifdef REAL64
+#define real double
+#define real3 dvec3
+#define TOLERANCE_FLOOR TOLERANCE_FLOOR_F64
+#else
+#define real float
+#define real3 vec3
+#define TOLERANCE_FLOOR TOLERANCE_FLOOR_F32
+#endif
+
+#include "constants.glsl"
+#include "layout.glsl"
+
+layout(local_size_x = 64) in;
+
+#define SCENE_BUFFER(name, type) layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer name { type items[]; }
+SCENE_BUFFER(Nodes, BvhNode);
+SCENE_BUFFER(Blocks, TriangleBlock);
+SCENE_BUFFER(Triangles, Triangle);
+SCENE_BUFFER(Vertices, Vertex);
+SCENE_BUFFER(Primitives, Primitive);
+SCENE_BUFFER(Uints, uint);
+SCENE_BUFFER(Floats, float);
+SCENE_BUFFER(Textures, Texture);
+SCENE_BUFFER(Texels, uvec2);
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Materials { Material items[]; };
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Lights { Light items[]; };
+layout(buffer_reference, std430, buffer_reference_align = 8) readonly buffer Model {
+    uint source_count;
+    uint source_stride;
+    real values[];
+};
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Scene {
+    Nodes nodes;
+    Blocks blocks;
+    Triangles triangles;
+    Vertices vertices;
+    Primitives primitives;
+    Uints objects;
+    Materials materials;
+    Textures textures;
+    Texels texels;
+    Lights lights;
+    Floats environment_cdf;
+    Uints clearance;
+    Floats albedo;
+    Model model;
+    SceneParameters parameters;
+};
+layout(buffer_reference, std430, buffer_reference_align = 16) buffer FilmSums { uvec4 items[]; };
+layout(buffer_reference, std430, buffer_reference_align = 16) buffer FilmAovs { Aov items[]; };
+
+layout(push_constant) uniform Push {
+    Scene scene;
+    FilmSums sums;
+    FilmAovs aovs;
+    uint first_row;
+    uint row_count;
+    uint first_sample;
+    uint slot_count;
+    uint aov_sample;
+    uint parity;
+    uint stage;
+    uint capacity;
+    float length_limit;
+    uint tracing;
+} push;
+
+layout(set = 0, binding = 0, std430) buffer PathBuffer { uvec4 path_words[]; };
+layout(set = 0, binding = 1, std430) buffer CounterBuffer { uint counters[]; };
+layout(set = 0, binding = 2, std430) buffer QueueBuffer { uint queue[]; };
+
+#define SCENE push.scene.parameters
+
+// Counters: indirect arguments and count of each queue, then what shading and flight go on with, then statistics.
+const uint COUNT_ADVANCE = 0;
+const uint COUNT_SHADE = 4;
+const uint COUNT_ESCAPE = 8;
+const uint COUNT_NEXT = 12;
+const uint COUNT_FLYING = 13;
+const uint COUNT_EXHAUSTED = 14;
+const uint COUNT_INVALID = 15;
+const uint COUNT_RAYS = 16;
+
+// Words of a path.
+const uint WORD_ORIGIN = 0;
+const uint WORD_DIRECTION = 1;
+const uint WORD_THROUGHPUT = 2;
+const uint WORD_RADIANCE = 3;
+const uint WORD_POSITION = 4;
+const uint WORD_TRAVEL = 5;
+const uint WORD_SURFACE = 6;
+const uint WORD_LEDGER = 7;
+const uint WORD_FLIGHT = 8;
+const uint WORD_LAUNCH = 12;
+
+// Steps word of a ray that has not started: from the path's origin, or from the flight's own words.
+const uint FRESH = 0xffffffffu;
+const uint FRESH_TRACED = 0xfffffffeu;
+
+uvec4 load_word(uint slot, uint word) {
+    return path_words[word * push.capacity + slot];
+}
+
+void store_word(uint slot, uint word, uvec4 value) {
+    path_words[word * push.capacity + slot] = value;
+}
+
+void store_word(uint slot, uint word, vec3 xyz, uint w) {
+    store_word(slot, word, uvec4(floatBitsToUint(xyz), w));
+}
+
+void store_word(uint slot, uint word, vec3 xyz, float w) {
+    store_word(slot, word, xyz, floatBitsToUint(w));
+}
+
+uint queue_advance(uint parity) {
+    return parity * push.capacity;
+}
+
+uint queue_shade() {
+    return 2 * push.capacity;
+}
+
+uint queue_escape() {
+    return 3 * push.capacity;
+}
+
+// Pixel and sample of a slot: samples of one pixel are whole films apart.
+uvec3 slot_pixel(uint slot) {
+    uint pixels = push.row_count * SCENE.film_width;
+    uint pixel = slot % pixels;
+    return uvec3(pixel % SCENE.film_width, push.first_row + pixel / SCENE.film_width, push.first_sample + slot / pixels);
+}
+
+uint scene_root() {
+    return 0;
+}
+
+float node_bound(uint node, uint plane, uint lane) {
+    return push.scene.nodes.items[node].bounds[plane * 8 + lane];
+}
+
+uint node_child(uint node, uint lane) {
+    return push.scene.nodes.items[node].child[lane];
+}
+
+uint block_triangle(uint block, uint lane) {
+    return push.scene.blocks.items[block].triangle[lane];
+}
+
+vec3 block_vertex(uint block, uint lane) {
+    return vec3(push.scene.blocks.items[block].vertex[lane], push.scene.blocks.items[block].vertex[8 + lane], push.scene.blocks.items[block].vertex[16 + lane]);
+}
+
+vec3 block_edge1(uint block, uint lane) {
+    return vec3(push.scene.blocks.items[block].edge1[lane], push.scene.blocks.items[block].edge1[8 + lane], push.scene.blocks.items[block].edge1[16 + lane]);
+}
+
+vec3 block_edge2(uint block, uint lane) {
+    return vec3(push.scene.blocks.items[block].edge2[lane], push.scene.blocks.items[block].edge2[8 + lane], push.scene.blocks.items[block].edge2[16 + lane]);
+}
+
+Triangle triangle_at(uint index) {
+    return push.scene.triangles.items[index];
+}
+
+Vertex vertex_at(uint index) {
+    return push.scene.vertices.items[index];
+}
+
+Primitive primitive_at(uint index) {
+    return push.scene.primitives.items[index];
+}
+
+uint object_material(uint object) {
+    return push.scene.objects.items[object];
+}
+
+Material material_at(uint index) {
+    return push.scene.materials.items[index];
+}
+
+Texture texture_at(uint index) {
+    return push.scene.textures.items[index];
+}
+
+vec4 texel(uint index) {
+    uvec2 halves = push.scene.texels.items[index];
+    return vec4(unpackHalf2x16(halves.x), unpackHalf2x16(halves.y));
+}
+
+Light light_at(uint index) {
+    return push.scene.lights.items[index];
+}
+
+float environment_cdf(uint index) {
+    return push.scene.environment_cdf.items[index];
+}
+
+float clearance(uint cell) {
+    return float((push.scene.clearance.items[cell / 4] >> (8 * (cell % 4))) & 0xffu);
+}
+
+float albedo(uint index) {
+    return push.scene.albedo.items[index];
+}
+
+// The model's block: origin, global parameters, sources.
+real3 model_origin() {
+    return real3(push.scene.model.values[0], push.scene.model.values[1], push.scene.model.values[2]);
+}
+
+real model_global(int i) {
+    return push.scene.model.values[3 + i];
+}
+
+int model_source_count() {
+    return int(push.scene.model.source_count);
+}
+
+real model_source(int source, int i) {
+    return push.scene.model.values[3 + source * int(push.scene.model.source_stride) + i];
+}

@@ -1,0 +1,112 @@
+// Structures both backends read; documented in src/kernels/layout.rs.
+
+struct BvhNode {
+    float bounds[48];
+    uint child[8];
+};
+
+struct TriangleBlock {
+    float vertex[24];
+    float edge1[24];
+    float edge2[24];
+    uint triangle[8];
+};
+
+struct Triangle {
+    uint vertices[3];
+    uint object;
+};
+
+struct Vertex {
+    float normal[3];
+    float uv[2];
+};
+
+struct Primitive {
+    float data[12];
+    uint kind;
+    uint object;
+};
+
+struct Material {
+    vec3 base_color;
+    uint kind;
+    vec3 emission;
+    float roughness;
+    vec3 absorption;
+    float ior;
+    uint base_texture;
+    uint roughness_texture;
+    uint emission_texture;
+    uint flags;
+};
+
+struct Texture {
+    uint first_index;
+    uint width;
+    uint height;
+};
+
+struct Light {
+    vec3 position;
+    uint kind;
+    vec3 edge_u;
+    float size;
+    vec3 edge_v;
+    float cumulative;
+};
+
+struct SceneParameters {
+    vec3 camera_position;
+    float tan_half_fov;
+    vec3 camera_right;
+    float aspect;
+    vec3 camera_up;
+    float aperture_radius;
+    vec3 camera_forward;
+    float focus_distance;
+    vec3 environment_color;
+    uint environment_kind;
+    vec3 environment_horizon;
+    float environment_scale;
+    vec3 environment_nadir;
+    float environment_angle;
+    vec3 region_center;
+    float region_radius;
+    vec3 grid_min;
+    float grid_cell;
+    uvec3 grid_size;
+    float region_strength;
+    uint camera_kind;
+    uint filter_kind;
+    uint film_width;
+    uint film_height;
+    float pixel_spread;
+    float cone_width;
+    float origin_offset;
+    float tolerance;
+    float chord_tolerance;
+    float step_length;
+    uint max_steps;
+    uint method;
+    uint literal_kick;
+    uint max_depth;
+    uint light_count;
+    uint environment_texture;
+    uint environment_columns;
+    uint environment_rows;
+    float light_share;
+};
+
+struct Aov {
+    vec3 albedo;
+    float redshift;
+    vec3 normal;
+    float distance;
+    vec3 position;
+    float constraint_error;
+    uint object;
+    uint status;
+    uint steps;
+    uint chords;
+};

@@ -1,0 +1,40 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_buffer_reference : require
+// Handles the hit at the end of a ray and starts the next one.
+
+#define KERNEL_SHADE
+#include "bindings.glsl"
+#include "rng.glsl"
+#include "sampling.glsl"
+#include "texture.glsl"
+#include "primitive.glsl"
+#include "light.glsl"
+#include "material.glsl"
+#include "path.glsl"
+#include "state.glsl"
+
+void main() {
+    uint i = gl_GlobalInvocationID.x;
+    if (i >= counters[COUNT_SHADE + 3]) {
+        return;
+    }
+    uint slot = queue[queue_shade() + i];
+    uvec3 pixel = slot_pixel(slot);
+    PathState path = load_path(slot);
+    Arrival arrival = load_arrival(slot);
+    Surface surface = surface_at(arrival);
+    if (path.bounce == 0 && pixel.z == push.aov_sample) {
+        Aov aov = miss_aov(arrival);
+        aov.albedo = base_color_at(material_at(object_material(surface.object)), surface.uv);
+        aov.normal = surface.normal_shading;
+        aov.position = surface.position;
+        aov.object = surface.object + 1;
+        store_aov(pixel, aov);
+    }
+    bool goes_on = shade(pixel_seed(pixel.x, pixel.y), pixel.z, surface, path, arrival);
+    store_path(slot, path);
+    if (goes_on) {
+        queue[queue_advance(1 - push.parity) + atomicAdd(counters[COUNT_NEXT], 1)] = slot;
+    }
+}

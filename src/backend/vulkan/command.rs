@@ -1,0 +1,199 @@
+//! Recording and submission of commands, with a timestamp round every dispatch.
+
+use super::buffer::Buffer;
+use super::device::Device;
+use super::instance::vulkan;
+use super::pipeline::{Layout, Pipeline};
+use crate::error::{Error, Result};
+use ash::vk;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Timestamps of one submission.
+const MAX_QUERIES: u32 = 1024;
+
+/// One command buffer that is recorded, submitted and waited for, again and again.
+pub struct Commands {
+    device: Arc<Device>,
+    pool: vk::CommandPool,
+    buffer: vk::CommandBuffer,
+    fence: vk::Fence,
+    queries: vk::QueryPool,
+    /// Kernel of each pair of timestamps in the recording.
+    timed: Vec<String>,
+    totals: BTreeMap<String, (u64, Duration)>,
+    in_flight: String,
+}
+
+impl Commands {
+    /// An empty recorder.
+    pub fn new(device: &Arc<Device>) -> Result<Commands> {
+        let d = &device.raw;
+        // SAFETY: every handle is created on this device from complete structures.
+        unsafe {
+            let flags = vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER;
+            let pool = d
+                .create_command_pool(&vk::CommandPoolCreateInfo::default().queue_family_index(device.queue_family).flags(flags), None)
+                .map_err(vulkan("vkCreateCommandPool"))?;
+            let info = vk::CommandBufferAllocateInfo::default().command_pool(pool).level(vk::CommandBufferLevel::PRIMARY).command_buffer_count(1);
+            let buffer = d.allocate_command_buffers(&info).map_err(vulkan("vkAllocateCommandBuffers"))?[0];
+            let fence = d.create_fence(&vk::FenceCreateInfo::default(), None).map_err(vulkan("vkCreateFence"))?;
+            let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(MAX_QUERIES);
+            let queries = d.create_query_pool(&info, None).map_err(vulkan("vkCreateQueryPool"))?;
+            Ok(Commands { device: device.clone(), pool, buffer, fence, queries, timed: vec![], totals: BTreeMap::new(), in_flight: String::new() })
+        }
+    }
+
+    /// Starts a recording.
+    pub fn begin(&mut self) -> Result<()> {
+        self.timed.clear();
+        self.in_flight.clear();
+        let d = &self.device.raw;
+        // SAFETY: the last submission was waited for, so the buffer is free to be recorded anew.
+        unsafe {
+            let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+            d.begin_command_buffer(self.buffer, &info).map_err(vulkan("vkBeginCommandBuffer"))?;
+            if self.device.report.timestamps {
+                d.cmd_reset_query_pool(self.buffer, self.queries, 0, MAX_QUERIES);
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes all that was written visible to all that follows.
+    pub fn barrier(&self) {
+        let d = &self.device.raw;
+        // SAFETY: a global memory barrier names no resource.
+        unsafe {
+            if self.device.report.synchronization2 {
+                let stages = vk::PipelineStageFlags2::COMPUTE_SHADER | vk::PipelineStageFlags2::ALL_TRANSFER;
+                let writes = vk::AccessFlags2::SHADER_WRITE | vk::AccessFlags2::TRANSFER_WRITE;
+                let reads = vk::AccessFlags2::SHADER_READ | vk::AccessFlags2::TRANSFER_READ | vk::AccessFlags2::INDIRECT_COMMAND_READ;
+                let barrier = [vk::MemoryBarrier2::default()
+                    .src_stage_mask(stages)
+                    .src_access_mask(writes)
+                    .dst_stage_mask(stages | vk::PipelineStageFlags2::DRAW_INDIRECT)
+                    .dst_access_mask(reads | writes)];
+                d.cmd_pipeline_barrier2(self.buffer, &vk::DependencyInfo::default().memory_barriers(&barrier));
+            } else {
+                let stages = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
+                let writes = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
+                let reads = vk::AccessFlags::SHADER_READ | vk::AccessFlags::TRANSFER_READ | vk::AccessFlags::INDIRECT_COMMAND_READ;
+                let barrier = [vk::MemoryBarrier::default().src_access_mask(writes).dst_access_mask(reads | writes)];
+                d.cmd_pipeline_barrier(self.buffer, stages, stages | vk::PipelineStageFlags::DRAW_INDIRECT, Default::default(), &barrier, &[], &[]);
+            }
+        }
+    }
+
+    /// Records a dispatch of `groups` workgroups, timed under the kernel's name.
+    pub fn dispatch(&mut self, layout: &Layout, pipeline: &Pipeline, push: &[u8], groups: u32) {
+        self.timed_dispatch(layout, pipeline, push, |d, buffer| {
+            // SAFETY: pipeline, set and push constants are bound by `timed_dispatch`.
+            unsafe { d.cmd_dispatch(buffer, groups, 1, 1) }
+        });
+    }
+
+    /// Records a dispatch whose workgroups are read from `arguments` at byte `offset`.
+    pub fn dispatch_indirect(&mut self, layout: &Layout, pipeline: &Pipeline, push: &[u8], arguments: &Buffer, offset: u64) {
+        let arguments = arguments.raw;
+        self.timed_dispatch(layout, pipeline, push, |d, buffer| {
+            // SAFETY: as above; the arguments were written before the last barrier.
+            unsafe { d.cmd_dispatch_indirect(buffer, arguments, offset) }
+        });
+    }
+
+    fn timed_dispatch(&mut self, layout: &Layout, pipeline: &Pipeline, push: &[u8], run: impl Fn(&ash::Device, vk::CommandBuffer)) {
+        let d = &self.device.raw;
+        let query = 2 * self.timed.len() as u32;
+        let timed = self.device.report.timestamps && query + 2 <= MAX_QUERIES;
+        // SAFETY: all handles belong to this device and live until the submission has been waited for.
+        unsafe {
+            d.cmd_bind_pipeline(self.buffer, vk::PipelineBindPoint::COMPUTE, pipeline.raw);
+            d.cmd_bind_descriptor_sets(self.buffer, vk::PipelineBindPoint::COMPUTE, layout.raw, 0, &[layout.set], &[]);
+            d.cmd_push_constants(self.buffer, layout.raw, vk::ShaderStageFlags::COMPUTE, 0, push);
+            if timed {
+                d.cmd_write_timestamp(self.buffer, vk::PipelineStageFlags::COMPUTE_SHADER, self.queries, query);
+            }
+            run(d, self.buffer);
+            if timed {
+                d.cmd_write_timestamp(self.buffer, vk::PipelineStageFlags::COMPUTE_SHADER, self.queries, query + 1);
+            }
+        }
+        if timed {
+            self.timed.push(pipeline.name.clone());
+        }
+        if !self.in_flight.contains(pipeline.name.as_str()) {
+            self.in_flight += if self.in_flight.is_empty() { "" } else { ", " };
+            self.in_flight += &pipeline.name;
+        }
+    }
+
+    /// Records a copy between buffers.
+    pub fn copy(&self, from: &Buffer, from_offset: u64, to: &Buffer, to_offset: u64, size: u64) {
+        let region = [vk::BufferCopy { src_offset: from_offset, dst_offset: to_offset, size }];
+        // SAFETY: callers keep the ranges inside the buffers, which live until the submission has been waited for.
+        unsafe { self.device.raw.cmd_copy_buffer(self.buffer, from.raw, to.raw, &region) };
+    }
+
+    /// Records zeroing a whole buffer.
+    pub fn clear(&self, buffer: &Buffer) {
+        // SAFETY: the buffer lives until the submission has been waited for.
+        unsafe { self.device.raw.cmd_fill_buffer(self.buffer, buffer.raw, 0, vk::WHOLE_SIZE, 0) };
+    }
+
+    /// Submits the recording, waits for it, and adds up its timestamps.
+    pub fn submit(&mut self) -> Result<()> {
+        let lost = |call: &'static str, kernel: &str| {
+            let kernel = kernel.to_owned();
+            move |e: vk::Result| if e == vk::Result::ERROR_DEVICE_LOST { Error::DeviceLost { kernel } } else { vulkan(call)(e) }
+        };
+        let d = &self.device.raw;
+        let buffers = [self.buffer];
+        let info = [vk::SubmitInfo::default().command_buffers(&buffers)];
+        let fences = [self.fence];
+        // SAFETY: the recording is complete; nothing it uses is freed before the fence has signalled.
+        unsafe {
+            d.end_command_buffer(self.buffer).map_err(vulkan("vkEndCommandBuffer"))?;
+            d.queue_submit(self.device.queue, &info, self.fence).map_err(lost("vkQueueSubmit", &self.in_flight))?;
+            d.wait_for_fences(&fences, true, u64::MAX).map_err(lost("vkWaitForFences", &self.in_flight))?;
+            d.reset_fences(&fences).map_err(vulkan("vkResetFences"))?;
+        }
+        self.collect_times()
+    }
+
+    fn collect_times(&mut self) -> Result<()> {
+        if self.timed.is_empty() {
+            return Ok(());
+        }
+        let mut ticks = vec![0u64; 2 * self.timed.len()];
+        // SAFETY: these queries were written by the submission that has just been waited for.
+        unsafe { self.device.raw.get_query_pool_results(self.queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT) }
+            .map_err(vulkan("vkGetQueryPoolResults"))?;
+        for (name, pair) in self.timed.iter().zip(ticks.chunks_exact(2)) {
+            let nanos = pair[1].saturating_sub(pair[0]) as f64 * f64::from(self.device.timestamp_period);
+            let total = self.totals.entry(name.clone()).or_default();
+            total.0 += 1;
+            total.1 += Duration::from_nanos(nanos as u64);
+        }
+        Ok(())
+    }
+
+    /// Dispatches and time per kernel since the last call.
+    pub fn take_times(&mut self) -> BTreeMap<String, (u64, Duration)> {
+        std::mem::take(&mut self.totals)
+    }
+}
+
+impl Drop for Commands {
+    fn drop(&mut self) {
+        // SAFETY: every submission is waited for in `submit`; after a failed wait the queue is drained here.
+        unsafe {
+            let d = &self.device.raw;
+            let _ = d.queue_wait_idle(self.device.queue);
+            d.destroy_query_pool(self.queries, None);
+            d.destroy_fence(self.fence, None);
+            d.destroy_command_pool(self.pool, None);
+        }
+    }
+}

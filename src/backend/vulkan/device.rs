@@ -1,0 +1,217 @@
+//! Choice of a physical device, the logical device and its queue and allocator.
+
+use super::instance::{Instance, vulkan};
+use crate::error::{Error, Result};
+use ash::{ext, vk};
+use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
+use std::ffi::CString;
+use std::mem::ManuallyDrop;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// What a physical device is and what it lacks.
+#[derive(Clone, Debug)]
+pub struct DeviceReport {
+    /// Number for `--device`.
+    pub index: usize,
+    /// Name the driver gives.
+    pub name: String,
+    /// discrete, integrated, virtual, cpu or other.
+    pub kind: &'static str,
+    /// Vulkan version.
+    pub api_version: (u32, u32, u32),
+    /// Required features it lacks; empty if nullray runs on it.
+    pub missing: Vec<&'static str>,
+    /// Whether double-precision kernels run.
+    pub float64: bool,
+    /// Whether synchronization2 is there.
+    pub synchronization2: bool,
+    /// Whether dispatches can be timed.
+    pub timestamps: bool,
+    /// Largest storage buffer range in bytes.
+    pub max_storage_buffer_range: u32,
+    /// Memory of the device's own heaps in bytes.
+    pub memory: u64,
+    handle: vk::PhysicalDevice,
+    queue_family: u32,
+    timestamp_period: f32,
+}
+
+impl DeviceReport {
+    /// Whether it is an implementation on the processor.
+    pub fn is_software(&self) -> bool {
+        self.kind == "cpu"
+    }
+
+    fn rank(&self) -> usize {
+        ["discrete", "integrated", "virtual", "cpu"].iter().position(|k| *k == self.kind).unwrap_or(4)
+    }
+}
+
+/// Describes every physical device.
+pub fn enumerate(instance: &Instance) -> Result<Vec<DeviceReport>> {
+    // SAFETY: the instance is alive.
+    let handles = unsafe { instance.raw.enumerate_physical_devices() }.map_err(vulkan("vkEnumeratePhysicalDevices"))?;
+    Ok(handles.into_iter().enumerate().map(|(i, h)| describe(instance, i, h)).collect())
+}
+
+fn describe(instance: &Instance, index: usize, handle: vk::PhysicalDevice) -> DeviceReport {
+    // SAFETY: `handle` comes from this instance; the feature structures live through the calls.
+    let (properties, families, memory, v12, v13, core) = unsafe {
+        let properties = instance.raw.get_physical_device_properties(handle);
+        let families = instance.raw.get_physical_device_queue_family_properties(handle);
+        let memory = instance.raw.get_physical_device_memory_properties(handle);
+        let mut v12 = vk::PhysicalDeviceVulkan12Features::default();
+        let mut v13 = vk::PhysicalDeviceVulkan13Features::default();
+        let mut features = vk::PhysicalDeviceFeatures2::default();
+        if properties.api_version >= vk::API_VERSION_1_2 {
+            features = features.push_next(&mut v12);
+        }
+        if properties.api_version >= vk::API_VERSION_1_3 {
+            features = features.push_next(&mut v13);
+        }
+        instance.raw.get_physical_device_features2(handle, &mut features);
+        let core = features.features;
+        (properties, families, memory, v12.buffer_device_address, v13.synchronization2, core)
+    };
+    let family = families.iter().position(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE));
+    let mut missing = vec![];
+    if properties.api_version < vk::API_VERSION_1_2 {
+        missing.push("Vulkan 1.2");
+    }
+    if v12 == vk::FALSE {
+        missing.push("bufferDeviceAddress");
+    }
+    if family.is_none() {
+        missing.push("a compute queue");
+    }
+    let version = properties.api_version;
+    DeviceReport {
+        index,
+        name: properties.device_name_as_c_str().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+        kind: match properties.device_type {
+            vk::PhysicalDeviceType::DISCRETE_GPU => "discrete",
+            vk::PhysicalDeviceType::INTEGRATED_GPU => "integrated",
+            vk::PhysicalDeviceType::VIRTUAL_GPU => "virtual",
+            vk::PhysicalDeviceType::CPU => "cpu",
+            _ => "other",
+        },
+        api_version: (vk::api_version_major(version), vk::api_version_minor(version), vk::api_version_patch(version)),
+        missing,
+        float64: core.shader_float64 == vk::TRUE,
+        synchronization2: v13 == vk::TRUE,
+        timestamps: family.is_some_and(|f| families[f].timestamp_valid_bits > 0) && properties.limits.timestamp_period > 0.0,
+        max_storage_buffer_range: properties.limits.max_storage_buffer_range,
+        memory: memory.memory_heaps_as_slice().iter().filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL)).map(|h| h.size).sum(),
+        handle,
+        queue_family: family.unwrap_or(0) as u32,
+        timestamp_period: properties.limits.timestamp_period,
+    }
+}
+
+/// The device `wanted` names by number or part of its name, or the best one.
+fn choose(mut devices: Vec<DeviceReport>, wanted: Option<&str>) -> Result<DeviceReport> {
+    if let Some(wanted) = wanted {
+        let known: Vec<String> = devices.iter().map(|d| format!("{} ({})", d.index, d.name)).collect();
+        let lower = wanted.to_lowercase();
+        let found = devices.into_iter().find(|d| match wanted.parse::<usize>() {
+            Ok(index) => d.index == index,
+            Err(_) => d.name.to_lowercase().contains(&lower),
+        });
+        let found = found.ok_or_else(|| Error::Usage {
+            argument: format!("--device {wanted}"),
+            reason: format!("no such Vulkan device, expected one of: {}", known.join(", ")),
+        })?;
+        return if found.missing.is_empty() {
+            Ok(found)
+        } else {
+            Err(Error::NoDevice { missing: format!("{} lacks {}", found.name, found.missing.join(", ")) })
+        };
+    }
+    let all = devices.len();
+    devices.retain(|d| d.missing.is_empty());
+    devices.into_iter().min_by_key(DeviceReport::rank).ok_or_else(|| Error::NoDevice {
+        missing: if all == 0 { "no driver is installed".into() } else { "none has Vulkan 1.2 with bufferDeviceAddress (see `nullray devices`)".into() },
+    })
+}
+
+/// A logical device with one queue.
+pub struct Device {
+    /// Device functions.
+    pub raw: ash::Device,
+    /// What it is.
+    pub report: DeviceReport,
+    /// The compute queue.
+    pub queue: vk::Queue,
+    /// Family of the queue.
+    pub queue_family: u32,
+    /// Nanoseconds per timestamp tick.
+    pub timestamp_period: f32,
+    names: Option<ext::debug_utils::Device>,
+    allocator: ManuallyDrop<Mutex<Allocator>>,
+    _instance: Arc<Instance>,
+}
+
+impl Device {
+    /// Opens a device, chosen as `--device` says.
+    pub fn new(instance: Arc<Instance>, wanted: Option<&str>) -> Result<Arc<Device>> {
+        let report = choose(enumerate(&instance)?, wanted)?;
+        let priorities = [1.0];
+        let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(report.queue_family).queue_priorities(&priorities)];
+        let core = vk::PhysicalDeviceFeatures::default().shader_float64(report.float64);
+        let mut v12 = vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true);
+        let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true);
+        let mut info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&core).push_next(&mut v12);
+        if report.synchronization2 {
+            info = info.push_next(&mut v13);
+        }
+        // SAFETY: the physical device belongs to the instance and has every feature asked for.
+        let raw = unsafe { instance.raw.create_device(report.handle, &info, None) }.map_err(vulkan("vkCreateDevice"))?;
+        let names = instance.validates().then(|| ext::debug_utils::Device::new(&instance.raw, &raw));
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: instance.raw.clone(),
+            device: raw.clone(),
+            physical_device: report.handle,
+            debug_settings: Default::default(),
+            buffer_device_address: true,
+            allocation_sizes: Default::default(),
+        })
+        .map_err(|e| Error::Vulkan { call: "gpu-allocator", result: e.to_string() })?;
+        // SAFETY: the device was created with one queue of this family.
+        let queue = unsafe { raw.get_device_queue(report.queue_family, 0) };
+        Ok(Arc::new(Device {
+            queue,
+            queue_family: report.queue_family,
+            timestamp_period: report.timestamp_period,
+            raw,
+            report,
+            names,
+            allocator: ManuallyDrop::new(Mutex::new(allocator)),
+            _instance: instance,
+        }))
+    }
+
+    /// The memory allocator.
+    pub fn allocator(&self) -> MutexGuard<'_, Allocator> {
+        self.allocator.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Names an object for validation messages and captures.
+    pub fn set_name<H: vk::Handle>(&self, object: H, name: &str) {
+        if let (Some(names), Ok(name)) = (&self.names, CString::new(name)) {
+            let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
+            // SAFETY: the object belongs to this device; a name that cannot be set changes nothing.
+            let _ = unsafe { names.set_debug_utils_object_name(&info) };
+        }
+    }
+}
+
+impl Drop for Device {
+    fn drop(&mut self) {
+        // SAFETY: every resource holds an `Arc` of the device, so none is left; the allocator goes before its device.
+        unsafe {
+            let _ = self.raw.device_wait_idle();
+            ManuallyDrop::drop(&mut self.allocator);
+            self.raw.destroy_device(None);
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! The Vulkan instance, with validation when `NULLRAY_VALIDATION=1`.
+
+use crate::error::{Error, Result};
+use ash::{ext, vk};
+use std::ffi::{CStr, CString};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
+
+static VALIDATION_MESSAGES: AtomicU64 = AtomicU64::new(0);
+
+/// Warnings and errors the validation layers have reported in this process.
+pub fn validation_messages() -> u64 {
+    VALIDATION_MESSAGES.load(Ordering::Relaxed)
+}
+
+/// Names the call in a Vulkan error.
+pub fn vulkan(call: &'static str) -> impl Fn(vk::Result) -> Error {
+    move |result| Error::Vulkan { call, result: result.to_string() }
+}
+
+/// The loader and an instance.
+pub struct Instance {
+    /// The instance's functions.
+    pub raw: ash::Instance,
+    debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
+    // Unloads the library; must outlive everything above.
+    _entry: ash::Entry,
+}
+
+impl Instance {
+    /// Loads the Vulkan library and creates an instance.
+    pub fn new() -> Result<Instance> {
+        let no_device = |missing: String| Error::NoDevice { missing };
+        // SAFETY: the loader library has no requirements beyond being a Vulkan loader.
+        let entry = unsafe { ash::Entry::load() }.map_err(|_| no_device("the Vulkan loader (libvulkan.so.1) is not installed".into()))?;
+        let validate = std::env::var("NULLRAY_VALIDATION").is_ok_and(|v| v == "1");
+        let app_name = CString::from(c"nullray");
+        let app = vk::ApplicationInfo::default().application_name(&app_name).api_version(vk::API_VERSION_1_3);
+        let mut layers = vec![];
+        let mut extensions = vec![];
+        if validate {
+            // SAFETY: `entry` is a loaded Vulkan library.
+            let available = unsafe { entry.enumerate_instance_layer_properties() }.map_err(vulkan("vkEnumerateInstanceLayerProperties"))?;
+            if !available.iter().any(|l| l.layer_name_as_c_str() == Ok(VALIDATION_LAYER)) {
+                return Err(no_device("NULLRAY_VALIDATION=1 is set but VK_LAYER_KHRONOS_validation is not installed".into()));
+            }
+            layers.push(VALIDATION_LAYER.as_ptr());
+            extensions.push(ext::debug_utils::NAME.as_ptr());
+        }
+        let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
+        let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
+        let mut info = vk::InstanceCreateInfo::default()
+            .application_info(&app)
+            .enabled_layer_names(&layers)
+            .enabled_extension_names(&extensions);
+        if validate {
+            info = info.push_next(&mut features);
+        }
+        // SAFETY: `info` and everything it points to lives until the call returns.
+        let raw = unsafe { entry.create_instance(&info, None) }.map_err(|e| no_device(format!("no instance: {e}")))?;
+        let debug = if validate { Some(messenger(&entry, &raw)?) } else { None };
+        Ok(Instance { raw, debug, _entry: entry })
+    }
+
+    /// Whether validation is on, and with it object names.
+    pub fn validates(&self) -> bool {
+        self.debug.is_some()
+    }
+}
+
+fn messenger(entry: &ash::Entry, raw: &ash::Instance) -> Result<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)> {
+    let functions = ext::debug_utils::Instance::new(entry, raw);
+    let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
+        .message_severity(vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR)
+        .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
+        .pfn_user_callback(Some(report));
+    // SAFETY: the extension is enabled and the callback has the required signature.
+    let handle = unsafe { functions.create_debug_utils_messenger(&info, None) }.map_err(vulkan("vkCreateDebugUtilsMessengerEXT"))?;
+    Ok((functions, handle))
+}
+
+/// Counts and prints a message of the validation layers.
+///
+/// # Safety
+/// Called by Vulkan, which guarantees that `data` is valid during the call.
+unsafe extern "system" fn report(
+    _: vk::DebugUtilsMessageSeverityFlagsEXT,
+    _: vk::DebugUtilsMessageTypeFlagsEXT,
+    data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
+    _: *mut std::ffi::c_void,
+) -> vk::Bool32 {
+    VALIDATION_MESSAGES.fetch_add(1, Ordering::Relaxed);
+    // SAFETY: Vulkan passes a valid structure whose message is a string or null.
+    let text = unsafe { data.as_ref().and_then(|d| d.message_as_c_str()) };
+    eprintln!("nullray: validation: {}", text.map(CStr::to_string_lossy).unwrap_or_default());
+    vk::FALSE
+}
+
+impl Drop for Instance {
+    fn drop(&mut self) {
+        // SAFETY: devices hold an `Arc` of the instance, so none is left; the messenger belongs to it.
+        unsafe {
+            if let Some((functions, handle)) = &self.debug {
+                functions.destroy_debug_utils_messenger(*handle, None);
+            }
+            self.raw.destroy_instance(None);
+        }
+    }
+}

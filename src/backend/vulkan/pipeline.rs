@@ -1,0 +1,155 @@
+//! Compute pipelines, the layout they share, and their cache on disk.
+
+use super::buffer::Buffer;
+use super::device::Device;
+use super::instance::vulkan;
+use crate::error::{Error, Result};
+use ash::vk;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+mod spirv {
+    include!(concat!(env!("OUT_DIR"), "/spirv.rs"));
+}
+
+/// SPIR-V of a kernel by name, as `build.rs` compiled it.
+pub fn kernel_spirv(name: &str) -> Option<&'static [u8]> {
+    spirv::SPIRV.iter().find(|(n, _)| *n == name).map(|(_, bytes)| *bytes)
+}
+
+/// One descriptor set of storage buffers and one block of push constants, for all kernels.
+pub struct Layout {
+    device: Arc<Device>,
+    /// Pipeline layout.
+    pub raw: vk::PipelineLayout,
+    set_layout: vk::DescriptorSetLayout,
+    pool: vk::DescriptorPool,
+    /// The one descriptor set.
+    pub set: vk::DescriptorSet,
+    cache: vk::PipelineCache,
+    cache_file: Option<PathBuf>,
+}
+
+impl Layout {
+    /// A layout of `bindings` storage buffers and `push_bytes` of push constants.
+    pub fn new(device: &Arc<Device>, bindings: u32, push_bytes: u32) -> Result<Layout> {
+        let storage = |binding| {
+            vk::DescriptorSetLayoutBinding::default()
+                .binding(binding)
+                .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                .descriptor_count(1)
+                .stage_flags(vk::ShaderStageFlags::COMPUTE)
+        };
+        let bindings: Vec<_> = (0..bindings).map(storage).collect();
+        let sizes = [vk::DescriptorPoolSize { ty: vk::DescriptorType::STORAGE_BUFFER, descriptor_count: bindings.len() as u32 }];
+        let push = [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(push_bytes)];
+        let cache_file = cache_path(device);
+        let cached = cache_file.as_ref().and_then(|p| std::fs::read(p).ok()).unwrap_or_default();
+        // SAFETY: every handle is created on this device, from structures that live through the calls. The driver checks the
+        // header of cached data and ignores what is not its own.
+        unsafe {
+            let d = &device.raw;
+            let set_layout = d
+                .create_descriptor_set_layout(&vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings), None)
+                .map_err(vulkan("vkCreateDescriptorSetLayout"))?;
+            let pool = d
+                .create_descriptor_pool(&vk::DescriptorPoolCreateInfo::default().max_sets(1).pool_sizes(&sizes), None)
+                .map_err(vulkan("vkCreateDescriptorPool"))?;
+            let layouts = [set_layout];
+            let set = d
+                .allocate_descriptor_sets(&vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool).set_layouts(&layouts))
+                .map_err(vulkan("vkAllocateDescriptorSets"))?[0];
+            let raw = d
+                .create_pipeline_layout(&vk::PipelineLayoutCreateInfo::default().set_layouts(&layouts).push_constant_ranges(&push), None)
+                .map_err(vulkan("vkCreatePipelineLayout"))?;
+            let cache = d
+                .create_pipeline_cache(&vk::PipelineCacheCreateInfo::default().initial_data(&cached), None)
+                .map_err(vulkan("vkCreatePipelineCache"))?;
+            Ok(Layout { device: device.clone(), raw, set_layout, pool, set, cache, cache_file })
+        }
+    }
+
+    /// Puts `buffers` into the descriptor set, in the order of the bindings.
+    pub fn bind(&self, buffers: &[&Buffer]) {
+        let infos: Vec<_> = buffers.iter().map(|b| [vk::DescriptorBufferInfo { buffer: b.raw, offset: 0, range: b.size }]).collect();
+        let writes: Vec<_> = infos
+            .iter()
+            .enumerate()
+            .map(|(i, info)| {
+                vk::WriteDescriptorSet::default()
+                    .dst_set(self.set)
+                    .dst_binding(i as u32)
+                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                    .buffer_info(info)
+            })
+            .collect();
+        // SAFETY: the set is not in use: submissions are waited for before buffers change.
+        unsafe { self.device.raw.update_descriptor_sets(&writes, &[]) };
+    }
+}
+
+/// File of the pipeline cache, by driver.
+fn cache_path(device: &Device) -> Option<PathBuf> {
+    let home = || std::env::var_os("HOME").map(|h| PathBuf::from(h).join(".cache"));
+    let folder = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from).or_else(home)?;
+    let name: String = device.report.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+    Some(folder.join("nullray").join(format!("pipelines-{name}.bin")))
+}
+
+impl Drop for Layout {
+    fn drop(&mut self) {
+        // A cache that cannot be saved costs time at the next start, nothing else.
+        // SAFETY: the cache belongs to this device.
+        if let (Some(path), Ok(data)) = (&self.cache_file, unsafe { self.device.raw.get_pipeline_cache_data(self.cache) }) {
+            let temporary = path.with_extension(std::process::id().to_string());
+            let folder = path.parent().map(std::fs::create_dir_all);
+            if folder.is_some_and(|f| f.is_ok()) && std::fs::write(&temporary, data).is_ok() {
+                let _ = std::fs::rename(&temporary, path);
+            }
+        }
+        // SAFETY: pipelines of this layout are dropped by their owner before it, with the queue idle.
+        unsafe {
+            self.device.raw.destroy_pipeline_cache(self.cache, None);
+            self.device.raw.destroy_pipeline_layout(self.raw, None);
+            self.device.raw.destroy_descriptor_pool(self.pool, None);
+            self.device.raw.destroy_descriptor_set_layout(self.set_layout, None);
+        }
+    }
+}
+
+/// A kernel ready to run.
+pub struct Pipeline {
+    device: Arc<Device>,
+    /// Handle.
+    pub raw: vk::Pipeline,
+    /// Name of the kernel, for timings and errors.
+    pub name: String,
+}
+
+impl Pipeline {
+    /// Builds the pipeline of a kernel from SPIR-V.
+    pub fn new(device: &Arc<Device>, layout: &Layout, name: &str, code: &[u8]) -> Result<Pipeline> {
+        let words = ash::util::read_spv(&mut std::io::Cursor::new(code)).map_err(|e| Error::Vulkan { call: "read_spv", result: e.to_string() })?;
+        // SAFETY: the words are SPIR-V from glslang; the module is destroyed once the pipeline exists.
+        unsafe {
+            let module = device
+                .raw
+                .create_shader_module(&vk::ShaderModuleCreateInfo::default().code(&words), None)
+                .map_err(vulkan("vkCreateShaderModule"))?;
+            let stage = vk::PipelineShaderStageCreateInfo::default().stage(vk::ShaderStageFlags::COMPUTE).module(module).name(c"main");
+            let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout.raw)];
+            let created = device.raw.create_compute_pipelines(layout.cache, &info, None);
+            device.raw.destroy_shader_module(module, None);
+            let raw = created.map_err(|(_, e)| vulkan("vkCreateComputePipelines")(e))?[0];
+            device.set_name(raw, name);
+            Ok(Pipeline { device: device.clone(), raw, name: name.into() })
+        }
+    }
+}
+
+impl Drop for Pipeline {
+    fn drop(&mut self) {
+        // SAFETY: submissions that use the pipeline have been waited for.
+        unsafe { self.device.raw.destroy_pipeline(self.raw, None) };
+    }
+}
