@@ -20,14 +20,11 @@ Curve straight(vec3 origin, vec3 direction) {
     return Curve(origin, direction, vec3(0.0), vec3(0.0), 1u, 0.0);
 }
 
-Curve hermite(vec3 start, vec3 end, vec3 tangent0, vec3 tangent1, float tolerance) {
+Curve hermite(vec3 start, vec3 end, vec3 tangent0, vec3 tangent1) {
     vec3 chord = end - start;
     vec3 c2 = chord * 3.0 - tangent0 * 2.0 - tangent1;
     vec3 c3 = tangent0 + tangent1 - chord * 2.0;
-    float bend = max(length(c2), length(c2 + c3 * 3.0)) * 2.0;
-    float chords = clamp(ceil(sqrt(bend / (8.0 * tolerance))), 1.0, float(MAX_CHORDS));
-    float deviation = 0.25 * max(length(tangent0 - chord), length(tangent1 - chord));
-    return Curve(start, tangent0, c2, c3, uint(chords), deviation + tolerance);
+    return Curve(start, tangent0, c2, c3, 1u, 0.0);
 }
 
 vec3 curve_point(Curve curve, float s) {
@@ -36,6 +33,22 @@ vec3 curve_point(Curve curve, float s) {
 
 vec3 curve_tangent(Curve curve, float s) {
     return curve.c1 + (curve.c2 * 2.0 + curve.c3 * (3.0 * s)) * s;
+}
+
+Curve cut_span(Curve curve, float from, float to, float tolerance) {
+    float w = to - from;
+    vec3 c1 = curve_tangent(curve, from) * w;
+    vec3 c2 = (curve.c2 + curve.c3 * (3.0 * from)) * (w * w);
+    vec3 c3 = curve.c3 * (w * w * w);
+    float bend = max(length(c2), length(c2 + c3 * 3.0)) * 2.0;
+    float chords = clamp(ceil(sqrt(bend / (8.0 * tolerance))), 1.0, float(MAX_CHORDS));
+    float deviation = 0.25 * max(length(c2 + c3), length(c2 + c3 * 2.0));
+    return Curve(curve_point(curve, from), c1, c2, c3, uint(chords), deviation + tolerance);
+}
+
+float curve_speed(Curve curve) {
+    vec3 end = curve.c1 + curve.c2 * 2.0 + curve.c3 * 3.0;
+    return max(max(length(curve.c1), length(curve.c1 + curve.c2)), length(end));
 }
 
 vec3 hit_position(Curve curve, float t) {

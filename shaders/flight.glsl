@@ -120,6 +120,7 @@ void advance(uint slot) {
         Curve curve = straight(vec3(ray.x), vec3(d));
         Hit hit = Hit(FAR, NO_INDEX, 0.0, 0.0);
         bool look = true;
+        vec2 span = vec2(0.0, 1.0);
         if (mode == MODE_APPROACH) {
             look = entry != real(0.0);
             hit.t = entry < real(0.0) ? FAR : float(entry * (real(1.0) + REGION_MARGIN));
@@ -146,9 +147,10 @@ void advance(uint slot) {
             vec3 start = vec3(ray.x), end = vec3(moved.x);
             vec3 tangent0 = euler ? end - start : vec3(ray.p) * float(ray.h);
             vec3 tangent1 = euler ? end - start : vec3(moved.p) * float(ray.h);
-            float reach = 0.5 * (length(tangent0) + length(tangent1) + length(end - start));
-            look = clearance_at((start + end) * 0.5) < reach;
-            curve = hermite(start, end, tangent0, tangent1, SCENE.chord_tolerance * cone);
+            Curve step_curve = hermite(start, end, tangent0, tangent1);
+            span = occupied_span(step_curve);
+            look = span.x < span.y;
+            curve = cut_span(step_curve, span.x, span.y, SCENE.chord_tolerance * cone);
             hit.t = 1.0;
         }
         float t_max = hit.t;
@@ -160,7 +162,7 @@ void advance(uint slot) {
         // See what it met and whether the ray is over.
         float piece = mode == MODE_STEP ? float(length(moved.x - ray.x)) : 1.0;
         if (hit.primitive != NO_INDEX) {
-            ray.len += piece * hit.t;
+            ray.len += piece * (span.x + (span.y - span.x) * hit.t);
             if (mode == MODE_STEP) {
                 ray.x = moved.x;
                 ray.p = moved.p;

@@ -39,7 +39,8 @@ PathState start_path(uint x, uint y, uint sample_index) {
     vec2 offset = sample_filter(SCENE.filter_kind, random_pair(seed, 0, sample_index));
     vec2 film = vec2(float(x) + 0.5, float(y) + 0.5) + offset;
     vec3 origin, direction;
-    camera_ray(film, random_pair(seed, 1, sample_index), origin, direction);
+    vec2 lens = SCENE.aperture_radius > 0.0 ? random_pair(seed, 1, sample_index) : vec2(0.0);
+    camera_ray(film, lens, origin, direction);
     return PathState(origin, SCENE.cone_width, direction, SCENE.pixel_spread, vec3(1.0), 0u, vec3(0.0), uvec2(0));
 }
 #endif
@@ -60,7 +61,10 @@ Surface surface_at(Arrival arrival) {
     if ((arrival.primitive & HIT_PRIMITIVE) != 0) {
         Primitive primitive = primitive_at(arrival.primitive & CHILD_INDEX);
         vec3 normal = primitive_normal(primitive, arrival.position);
-        vec2 uv = primitive_uv(primitive, arrival.position, vec2(u, v));
+        vec2 uv = vec2(0.0);
+        if ((material_at(object_material(primitive.object)).flags & MATERIAL_TEXTURED) != 0) {
+            uv = primitive_uv(primitive, arrival.position, vec2(u, v));
+        }
         vec3 position = arrival.position;
         if (primitive.kind == PRIMITIVE_SPHERE) {
             position = vec3(primitive.data[0], primitive.data[1], primitive.data[2]) + normal * primitive.data[3];
@@ -175,14 +179,18 @@ bool shade(uint seed, uint sample_index, Surface surface, inout PathState path, 
 
     // Draw a direction from the mixture.
     uint first = CAMERA_PAIRS + path.bounce * BOUNCE_PAIRS;
-    vec2 strategy = random_pair(seed, first, sample_index);
     vec2 direction = random_pair(seed, first + 1, sample_index);
-    vec2 lobe = random_pair(seed, first + 2, sample_index);
+    bool roulette = path.bounce + 1 >= ROULETTE_BOUNCE;
+    vec2 lobe = vec2(0.0);
+    if (roulette || material.kind == MATERIAL_DIELECTRIC) {
+        lobe = random_pair(seed, first + 2, sample_index);
+    }
     float share = SCENE.light_count == 0 || is_delta(bsdf) ? 0.0 : light_share(bsdf, SCENE.light_share);
     BsdfSample drawn = sample_bsdf(bsdf, wo_local, direction, lobe.x);
     vec3 wi = world_from_frame(normal, drawn.wi);
     vec3 weight = drawn.weight;
     if (share > 0.0) {
+        vec2 strategy = random_pair(seed, first, sample_index);
         Light light = light_at(choose_light(strategy.y));
         if (strategy.x < share) {
             wi = sample_light(light, surface.position, direction);
@@ -208,7 +216,7 @@ bool shade(uint seed, uint sample_index, Surface surface, inout PathState path, 
     if (!(strongest > 0.0)) {
         return false;
     }
-    if (path.bounce + 1 >= ROULETTE_BOUNCE) {
+    if (roulette) {
         float survival = min(strongest, MAX_SURVIVAL);
         if (lobe.y >= survival) {
             return false;

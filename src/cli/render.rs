@@ -126,6 +126,8 @@ fn report(args: &RenderArgs, film: &Film, seconds: f64, ending: Ending) -> Resul
             "rays": s.rays,
             "exhausted": s.exhausted,
             "invalid": s.invalid,
+            "steps_per_camera_ray": film.aovs.iter().map(|a| f64::from(a.steps)).sum::<f64>() / film.aovs.len() as f64,
+            "chords_per_camera_ray": film.aovs.iter().map(|a| f64::from(a.chords)).sum::<f64>() / film.aovs.len() as f64,
             "relative_error": if film.samples() > 1 { Some(film.relative_error()) } else { None },
             "complete": ending != Ending::Cancelled,
         });

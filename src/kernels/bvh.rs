@@ -46,39 +46,61 @@ pub struct Hit {
 
 impl Hit {
     /// No hit before parameter `t_max`.
+    #[inline(always)]
     pub fn none(t_max: f32) -> Self {
         Hit { t: t_max, primitive: NO_INDEX, u: 0.0, v: 0.0 }
     }
 }
 
 /// The straight ray origin + s direction.
+#[inline(always)]
 pub fn straight(origin: Vec3, direction: Vec3) -> Curve {
     Curve { start: origin, c1: direction, c2: Vec3::ZERO, c3: Vec3::ZERO, chords: 1, inflation: 0.0 }
 }
 
-/// The cubic with end points `start` and `end` and end tangents `tangent0` and `tangent1` (derivatives by s), cut so that
-/// no chord strays from it by more than `tolerance`.
-pub fn hermite(start: Vec3, end: Vec3, tangent0: Vec3, tangent1: Vec3, tolerance: f32) -> Curve {
+/// The cubic with end points `start` and `end` and end tangents `tangent0` and `tangent1` (derivatives by s), not cut yet.
+#[inline(always)]
+pub fn hermite(start: Vec3, end: Vec3, tangent0: Vec3, tangent1: Vec3) -> Curve {
     let chord = end - start;
     let c2 = chord * 3.0 - tangent0 * 2.0 - tangent1;
     let c3 = tangent0 + tangent1 - chord * 2.0;
-    let bend = (c2.length()).max((c2 + c3 * 3.0).length()) * 2.0;
-    let chords = (bend / (8.0 * tolerance)).sqrt().ceil().clamp(1.0, MAX_CHORDS as f32);
-    let deviation = 0.25 * (tangent0 - chord).length().max((tangent1 - chord).length());
-    Curve { start, c1: tangent0, c2, c3, chords: chords as u32, inflation: deviation + tolerance }
+    Curve { start, c1: tangent0, c2, c3, chords: 1, inflation: 0.0 }
 }
 
 /// Point of the curve at parameter `s`.
+#[inline(always)]
 pub fn curve_point(curve: &Curve, s: f32) -> Vec3 {
     curve.start + (curve.c1 + (curve.c2 + curve.c3 * s) * s) * s
 }
 
 /// Derivative of the curve at parameter `s`.
+#[inline(always)]
 pub fn curve_tangent(curve: &Curve, s: f32) -> Vec3 {
     curve.c1 + (curve.c2 * 2.0 + curve.c3 * (3.0 * s)) * s
 }
 
+/// The part of the curve from `from` to `to`, cut so that no chord strays from it by more than `tolerance`.
+#[inline(always)]
+pub fn cut_span(curve: &Curve, from: f32, to: f32, tolerance: f32) -> Curve {
+    let w = to - from;
+    let c1 = curve_tangent(curve, from) * w;
+    let c2 = (curve.c2 + curve.c3 * (3.0 * from)) * (w * w);
+    let c3 = curve.c3 * (w * w * w);
+    let bend = c2.length().max((c2 + c3 * 3.0).length()) * 2.0;
+    let chords = (bend / (8.0 * tolerance)).sqrt().ceil().clamp(1.0, MAX_CHORDS as f32);
+    let deviation = 0.25 * (c2 + c3).length().max((c2 + c3 * 2.0).length());
+    Curve { start: curve_point(curve, from), c1, c2, c3, chords: chords as u32, inflation: deviation + tolerance }
+}
+
+/// Bound of |dx/ds| along the curve: the longest leg of its derivative's control polygon.
+#[inline(always)]
+pub fn curve_speed(curve: &Curve) -> f32 {
+    let end = curve.c1 + curve.c2 * 2.0 + curve.c3 * 3.0;
+    curve.c1.length().max((curve.c1 + curve.c2).length()).max(end.length())
+}
+
 /// Point where the chords of the curve were hit at parameter `t`.
+#[inline(always)]
 pub fn hit_position(curve: &Curve, t: f32) -> Vec3 {
     if curve.chords == 1 {
         return curve.start + (curve.c1 + curve.c2 + curve.c3) * t;

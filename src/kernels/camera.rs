@@ -6,6 +6,7 @@ use super::sampling::{sample_disc, sin_cos_turns};
 use glam::{Vec2, Vec3, vec2};
 
 /// Offset of a film sample from the pixel's center [pixels], distributed as the filter.
+#[inline(always)]
 pub fn sample_filter(kind: u32, u: Vec2) -> Vec2 {
     if kind == FILTER_BOX {
         return u - Vec2::splat(0.5);
@@ -17,6 +18,7 @@ pub fn sample_filter(kind: u32, u: Vec2) -> Vec2 {
 }
 
 /// Unit direction through the film point `film` [pixels, y down].
+#[inline(always)]
 pub fn film_direction(scene: &SceneParameters, film: Vec2) -> Vec3 {
     let right = Vec3::from(scene.camera_right);
     let up = Vec3::from(scene.camera_up);
@@ -34,6 +36,7 @@ pub fn film_direction(scene: &SceneParameters, film: Vec2) -> Vec3 {
 }
 
 /// Origin and unit direction of the camera ray through `film` [pixels], `lens` uniform in the unit square.
+#[inline(always)]
 pub fn camera_ray(scene: &SceneParameters, film: Vec2, lens: Vec2) -> (Vec3, Vec3) {
     let origin = Vec3::from(scene.camera_position);
     let direction = film_direction(scene, film);

@@ -55,6 +55,8 @@ constants! {
         MATERIAL_EMISSIVE = 3;
         /// Material flag: emits on both sides of a surface.
         MATERIAL_TWO_SIDED = 1;
+        /// Material flag: some value is textured, so that texture coordinates are needed.
+        MATERIAL_TEXTURED = 2;
 
         /// Kinds of light.
         LIGHT_SPHERE = 0;
@@ -90,6 +92,8 @@ constants! {
         ALBEDO_SIZE = 32;
         /// Most chords one integration step is cut into.
         MAX_CHORDS = 32;
+        /// Most clearance lookups from each end of a step.
+        MARCH_STEPS = 6;
         /// 16-bit fields of the stack of dielectrics a path is inside of.
         MEDIA_DEPTH = 4;
         /// 2^24: the film's fixed-point unit is 2^-24.
@@ -121,6 +125,8 @@ constants! {
         TRIANGLE_SLACK = 5e-7;
         /// Share by which a chord reaches past its end, so that no gap opens between chords.
         CHORD_SLACK = 1e-6;
+        /// Smallest share of a step that a clearance lookup must gain to go on marching.
+        MARCH_GAIN = 0.08;
         /// Smallest component of a direction in slab tests.
         MIN_DIRECTION = 1e-20;
         /// Standard deviation of the Gaussian pixel filter, pixels.

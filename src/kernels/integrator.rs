@@ -123,6 +123,7 @@ pub fn euler_step<M: Model, L: Lane>(
 }
 
 /// Ray parameter at which the straight ray enters the sphere, 0 if it starts inside, -1 if it misses.
+#[inline(always)]
 pub fn enter_sphere<L: Lane<Mask = bool, Token = ()>>(x: [L; 3], d: [L; 3], center: [L; 3], radius: L) -> L {
     let zero = L::constant((), 0.0);
     let f = [x[0] - center[0], x[1] - center[1], x[2] - center[2]];
@@ -141,6 +142,7 @@ pub fn enter_sphere<L: Lane<Mask = bool, Token = ()>>(x: [L; 3], d: [L; 3], cent
 
 /// Unit direction at infinity of a ray that leaves the region at `x` (relative to its center) along the unit vector `d`:
 /// the far field n = 1 + A / r turns it by (A / b)(1 - s / r) towards the center, b the impact parameter and s = x . d.
+#[inline(always)]
 pub fn asymptote<L: Lane<Mask = bool, Token = ()>>(x: [L; 3], d: [L; 3], strength: L) -> [L; 3] {
     let r = dot(x, x).sqrt();
     let s = dot(x, d);
@@ -151,6 +153,7 @@ pub fn asymptote<L: Lane<Mask = bool, Token = ()>>(x: [L; 3], d: [L; 3], strengt
 }
 
 /// A position or direction in single precision.
+#[inline(always)]
 pub fn to_vec3<T: Real>(v: [T; 3]) -> glam::Vec3 {
     glam::vec3(v[0].to_f32(), v[1].to_f32(), v[2].to_f32())
 }

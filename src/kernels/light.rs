@@ -12,6 +12,7 @@ use super::view::SceneView;
 use glam::{Vec2, Vec3, vec2, vec3};
 
 /// Index of the light chosen by the uniform number `u`.
+#[inline(always)]
 pub fn choose_light(view: &SceneView, u: f32) -> u32 {
     let mut low = 0;
     let mut high = view.scene.light_count - 1;
@@ -27,6 +28,7 @@ pub fn choose_light(view: &SceneView, u: f32) -> u32 {
 }
 
 /// 1 - cos of the half angle under which a sphere appears; 2 from inside.
+#[inline(always)]
 pub fn sphere_cap(light: &Light, position: Vec3) -> f32 {
     let distance2 = (Vec3::from(light.position) - position).length_squared();
     let sin2 = light.size * light.size / distance2;
@@ -34,6 +36,7 @@ pub fn sphere_cap(light: &Light, position: Vec3) -> f32 {
 }
 
 /// A direction towards the light, by `u` uniform in the unit square. Its density is `light_pdf`.
+#[inline(always)]
 pub fn sample_light(view: &SceneView, light: &Light, position: Vec3, u: Vec2) -> Vec3 {
     if light.kind == LIGHT_ENVIRONMENT {
         return sample_environment(view, u);
@@ -56,6 +59,7 @@ pub fn sample_light(view: &SceneView, light: &Light, position: Vec3, u: Vec2) ->
 }
 
 /// Density of `sample_light` at `direction` [1/sr].
+#[inline(always)]
 pub fn light_pdf(view: &SceneView, light: &Light, position: Vec3, direction: Vec3) -> f32 {
     if light.kind == LIGHT_ENVIRONMENT {
         return environment_pdf(view, direction);
@@ -81,12 +85,14 @@ pub fn light_pdf(view: &SceneView, light: &Light, position: Vec3, direction: Vec
 }
 
 /// Position of a direction on an equirectangular image, (0, 0) at the lower left.
+#[inline(always)]
 pub fn environment_uv(view: &SceneView, direction: Vec3) -> Vec2 {
     let azimuth = direction.x.atan2(-direction.z) + view.scene.environment_angle;
     vec2(azimuth / TAU + 0.5, 1.0 - direction.y.clamp(-1.0, 1.0).acos() * INV_PI)
 }
 
 /// Radiance of a regular grid of lines on the sky.
+#[inline(always)]
 pub fn grid_radiance(view: &SceneView, direction: Vec3) -> Vec3 {
     let scene = view.scene;
     let spacing = scene.environment_angle;
@@ -105,6 +111,7 @@ pub fn grid_radiance(view: &SceneView, direction: Vec3) -> Vec3 {
 }
 
 /// Radiance that arrives from the unit direction at infinity.
+#[inline(always)]
 pub fn environment_radiance(view: &SceneView, direction: Vec3) -> Vec3 {
     let scene = view.scene;
     let color = Vec3::from(scene.environment_color);
@@ -124,6 +131,7 @@ pub fn environment_radiance(view: &SceneView, direction: Vec3) -> Vec3 {
 }
 
 /// Index of the interval of a cumulative table of `count` entries from `first` that holds `u`.
+#[inline(always)]
 pub fn search_cdf(view: &SceneView, first: u32, count: u32, u: f32) -> u32 {
     let mut low = 0;
     let mut high = count - 1;
@@ -139,6 +147,7 @@ pub fn search_cdf(view: &SceneView, first: u32, count: u32, u: f32) -> u32 {
 }
 
 /// Direction distributed as the brightness of the environment image.
+#[inline(always)]
 pub fn sample_environment(view: &SceneView, u: Vec2) -> Vec3 {
     let scene = view.scene;
     let (columns, rows) = (scene.environment_columns, scene.environment_rows);
@@ -159,6 +168,7 @@ pub fn sample_environment(view: &SceneView, u: Vec2) -> Vec3 {
 }
 
 /// Density of `sample_environment` [1/sr].
+#[inline(always)]
 pub fn environment_pdf(view: &SceneView, direction: Vec3) -> f32 {
     let scene = view.scene;
     let (columns, rows) = (scene.environment_columns, scene.environment_rows);

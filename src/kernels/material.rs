@@ -37,6 +37,7 @@ pub struct BsdfSample {
 }
 
 /// Reflectance of a dielectric interface for unpolarised light; `eta` is n beyond over n before. 1 beyond the critical angle.
+#[inline(always)]
 pub fn fresnel_dielectric(cos_i: f32, eta: f32) -> f32 {
     let sin2_t = (1.0 - cos_i * cos_i) / (eta * eta);
     if sin2_t >= 1.0 {
@@ -49,6 +50,7 @@ pub fn fresnel_dielectric(cos_i: f32, eta: f32) -> f32 {
 }
 
 /// Schlick's reflectance of a metal whose reflectance at normal incidence is `f0`.
+#[inline(always)]
 pub fn fresnel_schlick(f0: Vec3, cos_i: f32) -> Vec3 {
     let m = (1.0 - cos_i).clamp(0.0, 1.0);
     let m2 = m * m;
@@ -56,6 +58,7 @@ pub fn fresnel_schlick(f0: Vec3, cos_i: f32) -> Vec3 {
 }
 
 /// GGX density of microfacet normals.
+#[inline(always)]
 pub fn ggx_distribution(m: Vec3, alpha: f32) -> f32 {
     let a2 = alpha * alpha;
     let d = (m.x * m.x + m.y * m.y) / a2 + m.z * m.z;
@@ -63,12 +66,14 @@ pub fn ggx_distribution(m: Vec3, alpha: f32) -> f32 {
 }
 
 /// Smith's Lambda for GGX.
+#[inline(always)]
 pub fn ggx_lambda(w: Vec3, alpha: f32) -> f32 {
     let tan2 = (w.x * w.x + w.y * w.y) / (w.z * w.z).max(1e-20);
     0.5 * ((1.0 + alpha * alpha * tan2).sqrt() - 1.0)
 }
 
 /// Microfacet normal visible from `wo` (wo.z > 0), by its density G1 D max(0, wo.m) / wo.z.
+#[inline(always)]
 pub fn sample_visible_normal(wo: Vec3, alpha: f32, u: Vec2) -> Vec3 {
     let v = vec3(wo.x * alpha, wo.y * alpha, wo.z).normalize();
     let length2 = v.x * v.x + v.y * v.y;
@@ -84,6 +89,7 @@ pub fn sample_visible_normal(wo: Vec3, alpha: f32, u: Vec2) -> Vec3 {
 }
 
 /// Directional albedo of GGX with reflectance 1, from the table.
+#[inline(always)]
 pub fn ggx_albedo(view: &SceneView, cos_o: f32, roughness: f32) -> f32 {
     let last = (ALBEDO_SIZE - 1) as f32;
     let x = cos_o.clamp(0.0, 1.0) * last;
@@ -98,16 +104,19 @@ pub fn ggx_albedo(view: &SceneView, cos_o: f32, roughness: f32) -> f32 {
 }
 
 /// Factor that gives a metal back its multiply scattered light.
+#[inline(always)]
 pub fn energy_compensation(bsdf: &Bsdf) -> Vec3 {
     Vec3::ONE + bsdf.color * ((1.0 - bsdf.albedo) / bsdf.albedo)
 }
 
 /// Whether the surface scatters into a delta lobe only.
+#[inline(always)]
 pub fn is_delta(bsdf: &Bsdf) -> bool {
     bsdf.kind == MATERIAL_DIELECTRIC && bsdf.alpha == 0.0
 }
 
 /// Share of samples that go towards lights: none for mirrors, more for rougher lobes.
+#[inline(always)]
 pub fn light_share(bsdf: &Bsdf, most: f32) -> f32 {
     if bsdf.kind == MATERIAL_DIFFUSE {
         return most;
@@ -117,6 +126,7 @@ pub fn light_share(bsdf: &Bsdf, most: f32) -> f32 {
 }
 
 /// f |cos wi| and the density of `sample_bsdf` [1/sr] for a pair of directions.
+#[inline(always)]
 pub fn evaluate_bsdf(bsdf: &Bsdf, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
     if bsdf.kind == MATERIAL_DIFFUSE {
         let cosine = wi.z.max(0.0);
@@ -161,6 +171,7 @@ pub fn evaluate_bsdf(bsdf: &Bsdf, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
 }
 
 /// Direction refracted at the facet `m`; zero beyond the critical angle.
+#[inline(always)]
 pub fn refract_at(wo: Vec3, m: Vec3, eta: f32) -> Vec3 {
     let cos_o = wo.dot(m);
     let cos2_t = 1.0 - (1.0 - cos_o * cos_o) / (eta * eta);
@@ -171,6 +182,7 @@ pub fn refract_at(wo: Vec3, m: Vec3, eta: f32) -> Vec3 {
 }
 
 /// Draws a direction by the surface's own lobes: `u` in the unit square, `lobe` chooses reflection or transmission.
+#[inline(always)]
 pub fn sample_bsdf(bsdf: &Bsdf, wo: Vec3, u: Vec2, lobe: f32) -> BsdfSample {
     let nothing = BsdfSample { wi: Vec3::Z, weight: Vec3::ZERO, delta: false };
     if bsdf.kind == MATERIAL_DIFFUSE {

@@ -80,12 +80,14 @@ pub struct Surface {
 }
 
 /// A camera path for sample `sample_index` of pixel (x, y).
+#[inline(always)]
 pub fn start_path(view: &SceneView, x: u32, y: u32, sample_index: u32) -> PathState {
     let scene = view.scene;
     let seed = pixel_seed(x, y);
     let offset = sample_filter(scene.filter_kind, random_pair(seed, 0, sample_index));
     let film = vec2(x as f32 + 0.5, y as f32 + 0.5) + offset;
-    let (origin, direction) = camera_ray(scene, film, random_pair(seed, 1, sample_index));
+    let lens = if scene.aperture_radius > 0.0 { random_pair(seed, 1, sample_index) } else { Vec2::ZERO };
+    let (origin, direction) = camera_ray(scene, film, lens);
     PathState {
         origin,
         width: scene.cone_width,
@@ -98,21 +100,27 @@ pub fn start_path(view: &SceneView, x: u32, y: u32, sample_index: u32) -> PathSt
     }
 }
 
+#[inline(always)]
 fn vertex_normal(vertex: &Vertex) -> Vec3 {
     Vec3::from(vertex.normal)
 }
 
+#[inline(always)]
 fn vertex_uv(vertex: &Vertex) -> Vec2 {
     Vec2::from(vertex.uv)
 }
 
 /// Geometry at a hit.
+#[inline(always)]
 pub fn surface_at(view: &SceneView, arrival: &Arrival) -> Surface {
     let (u, v) = (arrival.u, arrival.v);
     if arrival.primitive & HIT_PRIMITIVE != 0 {
         let primitive = view.primitive(arrival.primitive & CHILD_INDEX);
         let normal = primitive_normal(primitive, arrival.position);
-        let uv = primitive_uv(primitive, arrival.position, vec2(u, v));
+        let mut uv = Vec2::ZERO;
+        if (view.material(primitive.object).flags & MATERIAL_TEXTURED) != 0 {
+            uv = primitive_uv(primitive, arrival.position, vec2(u, v));
+        }
         // A far hit on a sphere has lost digits: put it back on the sphere.
         let d = &primitive.data;
         let position = if primitive.kind == PRIMITIVE_SPHERE { vec3(d[0], d[1], d[2]) + normal * d[3] } else { arrival.position };
@@ -139,16 +147,19 @@ pub fn surface_at(view: &SceneView, arrival: &Arrival) -> Surface {
 }
 
 /// Innermost dielectric: its object material + 1, 0 in vacuum.
+#[inline(always)]
 pub fn media_top(media: [u32; 2]) -> u32 {
     media[0] & 0xffff
 }
 
 /// Enters dielectric `id`; the outermost of more than four is forgotten.
+#[inline(always)]
 pub fn media_push(media: [u32; 2], id: u32) -> [u32; 2] {
     [(media[0] << 16) | id, (media[1] << 16) | (media[0] >> 16)]
 }
 
 /// Leaves dielectric `id`, wherever in the stack it is.
+#[inline(always)]
 pub fn media_remove(media: [u32; 2], id: u32) -> [u32; 2] {
     let below = [(media[0] >> 16) | (media[1] << 16), media[1] >> 16];
     if media[0] & 0xffff == id {
@@ -167,11 +178,13 @@ pub fn media_remove(media: [u32; 2], id: u32) -> [u32; 2] {
 }
 
 /// Refractive index of dielectric `id`, 1 for vacuum.
+#[inline(always)]
 pub fn media_ior(view: &SceneView, id: u32) -> f32 {
     if id == 0 { 1.0 } else { view.materials[id as usize - 1].ior }
 }
 
 /// Colour of a material at `uv`.
+#[inline(always)]
 pub fn base_color_at(view: &SceneView, material: &Material, uv: Vec2) -> Vec3 {
     let color = Vec3::from(material.base_color);
     if material.base_texture == NO_INDEX {
@@ -182,6 +195,7 @@ pub fn base_color_at(view: &SceneView, material: &Material, uv: Vec2) -> Vec3 {
 }
 
 /// Roughness of a material at `uv` (the green channel of its texture, as in glTF).
+#[inline(always)]
 pub fn roughness_at(view: &SceneView, material: &Material, uv: Vec2) -> f32 {
     if material.roughness_texture == NO_INDEX {
         return material.roughness;
@@ -190,6 +204,7 @@ pub fn roughness_at(view: &SceneView, material: &Material, uv: Vec2) -> f32 {
 }
 
 /// Radiance a material emits at `uv`.
+#[inline(always)]
 pub fn emission_at(view: &SceneView, material: &Material, uv: Vec2) -> Vec3 {
     let emission = Vec3::from(material.emission);
     if material.emission_texture == NO_INDEX {
@@ -200,6 +215,7 @@ pub fn emission_at(view: &SceneView, material: &Material, uv: Vec2) -> Vec3 {
 }
 
 /// Adds what the sky sends along an escaped ray.
+#[inline(always)]
 pub fn escape(view: &SceneView, path: &mut PathState, arrival: &Arrival) {
     if arrival.status == STATUS_ESCAPED {
         path.radiance += path.throughput * environment_radiance(view, arrival.direction);
@@ -207,6 +223,7 @@ pub fn escape(view: &SceneView, path: &mut PathState, arrival: &Arrival) {
 }
 
 /// Handles the hit at the end of a ray: emission, scattering, roulette. Returns whether the path goes on.
+#[inline(always)]
 pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, path: &mut PathState, arrival: &Arrival) -> bool {
     let scene = view.scene;
     let material_id = view.objects[surface.object as usize];
@@ -258,14 +275,18 @@ pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, 
 
     // Draw a direction from the mixture.
     let first = CAMERA_PAIRS + path.bounce * BOUNCE_PAIRS;
-    let strategy = random_pair(seed, first, sample_index);
     let direction = random_pair(seed, first + 1, sample_index);
-    let lobe = random_pair(seed, first + 2, sample_index);
+    let roulette = path.bounce + 1 >= ROULETTE_BOUNCE;
+    let mut lobe = Vec2::ZERO;
+    if roulette || material.kind == MATERIAL_DIELECTRIC {
+        lobe = random_pair(seed, first + 2, sample_index);
+    }
     let share = if scene.light_count == 0 || is_delta(&bsdf) { 0.0 } else { light_share(&bsdf, scene.light_share) };
     let drawn = sample_bsdf(&bsdf, wo_local, direction, lobe.x);
     let mut wi = world_from_frame(normal, drawn.wi);
     let mut weight = drawn.weight;
     if share > 0.0 {
+        let strategy = random_pair(seed, first, sample_index);
         let light = *view.light(choose_light(view, strategy.y));
         if strategy.x < share {
             wi = sample_light(view, &light, surface.position, direction);
@@ -290,7 +311,7 @@ pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, 
     if strongest.is_nan() || strongest <= 0.0 {
         return false;
     }
-    if path.bounce + 1 >= ROULETTE_BOUNCE {
+    if roulette {
         let survival = strongest.min(MAX_SURVIVAL);
         if lobe.y >= survival {
             return false;
@@ -310,6 +331,7 @@ pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, 
 }
 
 /// AOVs of a camera ray that met a surface.
+#[inline(always)]
 pub fn hit_aov(view: &SceneView, surface: &Surface, arrival: &Arrival) -> Aov {
     let mut aov = miss_aov(arrival);
     aov.albedo = base_color_at(view, view.material(surface.object), surface.uv).into();
@@ -320,6 +342,7 @@ pub fn hit_aov(view: &SceneView, surface: &Surface, arrival: &Arrival) -> Aov {
 }
 
 /// AOVs of a camera ray that met nothing.
+#[inline(always)]
 pub fn miss_aov(arrival: &Arrival) -> Aov {
     Aov {
         redshift: arrival.redshift,

@@ -5,6 +5,7 @@ use super::layout::Primitive;
 use glam::{Vec2, Vec3, vec2, vec3};
 
 /// Ray parameter in (0, t_max) where the ray meets the sphere, or -1 (Haines et al., Ray Tracing Gems, chapter 7).
+#[inline(always)]
 pub fn intersect_sphere(origin: Vec3, direction: Vec3, center: Vec3, radius: f32, t_max: f32) -> f32 {
     let f = origin - center;
     let a = direction.dot(direction);
@@ -24,6 +25,7 @@ pub fn intersect_sphere(origin: Vec3, direction: Vec3, center: Vec3, radius: f32
 }
 
 /// Ray parameter in (0, t_max) and coordinates along `edge_u` and `edge_v` where the ray meets the parallelogram; t = -1 elsewhere.
+#[inline(always)]
 pub fn intersect_quad(origin: Vec3, direction: Vec3, corner: Vec3, edge_u: Vec3, edge_v: Vec3, t_max: f32) -> Vec3 {
     let normal = edge_u.cross(edge_v);
     let t = normal.dot(corner - origin) / normal.dot(direction);
@@ -36,12 +38,14 @@ pub fn intersect_quad(origin: Vec3, direction: Vec3, corner: Vec3, edge_u: Vec3,
 }
 
 /// Row `i` of an affine map applied to a point (`w` = 1) or a vector (`w` = 0).
+#[inline(always)]
 pub fn affine_row(primitive: &Primitive, i: usize, v: Vec3, w: f32) -> f32 {
     let d = &primitive.data;
     d[4 * i] * v.x + d[4 * i + 1] * v.y + d[4 * i + 2] * v.z + d[4 * i + 3] * w
 }
 
 /// Ray parameter in (0, t_max) where the ray meets the box, or -1.
+#[inline(always)]
 pub fn intersect_box(origin: Vec3, direction: Vec3, primitive: &Primitive, t_max: f32) -> f32 {
     let mut near = -FAR;
     let mut far = FAR;
@@ -59,6 +63,7 @@ pub fn intersect_box(origin: Vec3, direction: Vec3, primitive: &Primitive, t_max
 }
 
 /// Ray parameter (or -1) and surface coordinates where the ray meets `primitive`.
+#[inline(always)]
 pub fn intersect_primitive(primitive: &Primitive, origin: Vec3, direction: Vec3, t_max: f32) -> Vec3 {
     let d = &primitive.data;
     let first = vec3(d[0], d[1], d[2]);
@@ -72,6 +77,7 @@ pub fn intersect_primitive(primitive: &Primitive, origin: Vec3, direction: Vec3,
 }
 
 /// Axis of the box face nearest to the unit-cube point, and its side: 2 * axis + (1 at the far face).
+#[inline(always)]
 pub fn box_face(local: Vec3) -> usize {
     let offset = local - Vec3::splat(0.5);
     let size = offset.abs();
@@ -80,6 +86,7 @@ pub fn box_face(local: Vec3) -> usize {
 }
 
 /// Outward unit normal at a point of the surface.
+#[inline(always)]
 pub fn primitive_normal(primitive: &Primitive, position: Vec3) -> Vec3 {
     let d = &primitive.data;
     if primitive.kind == PRIMITIVE_SPHERE {
@@ -95,6 +102,7 @@ pub fn primitive_normal(primitive: &Primitive, position: Vec3) -> Vec3 {
 }
 
 /// A point of the world in the box's unit cube.
+#[inline(always)]
 pub fn box_local(primitive: &Primitive, position: Vec3) -> Vec3 {
     vec3(
         affine_row(primitive, 0, position, 1.0),
@@ -104,6 +112,7 @@ pub fn box_local(primitive: &Primitive, position: Vec3) -> Vec3 {
 }
 
 /// Texture coordinates at a point of the surface; `uv` are those of the intersection.
+#[inline(always)]
 pub fn primitive_uv(primitive: &Primitive, position: Vec3, uv: Vec2) -> Vec2 {
     if primitive.kind == PRIMITIVE_SPHERE {
         let n = primitive_normal(primitive, position);

@@ -7,6 +7,7 @@
 use glam::{Vec2, vec2};
 
 /// Integer hash (PCG-RXS-M-XS, O'Neill 2014).
+#[inline(always)]
 pub fn hash(value: u32) -> u32 {
     let state = value.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
     let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
@@ -14,11 +15,13 @@ pub fn hash(value: u32) -> u32 {
 }
 
 /// Seed of a pixel's sequence.
+#[inline(always)]
 pub fn pixel_seed(x: u32, y: u32) -> u32 {
     hash(x ^ hash(y ^ 0x9e37_79b9))
 }
 
 /// Laine and Karras' hash: each bit depends on the lower bits only, so it is an Owen scramble of reversed bits.
+#[inline(always)]
 pub fn laine_karras(value: u32, seed: u32) -> u32 {
     let mut x = value;
     x ^= x.wrapping_mul(0x3d20_adea);
@@ -30,6 +33,7 @@ pub fn laine_karras(value: u32, seed: u32) -> u32 {
 }
 
 /// Pascal's matrix modulo 2 on the bits of `index`: the second Sobol dimension, bits reversed.
+#[inline(always)]
 pub fn pascal(index: u32) -> u32 {
     let mut x = index;
     x ^= (x >> 16) & 0x0000_ffff;
@@ -41,11 +45,13 @@ pub fn pascal(index: u32) -> u32 {
 }
 
 /// Uniform number in [0, 1) from the top 24 bits.
+#[inline(always)]
 pub fn unit_float(bits: u32) -> f32 {
     (bits >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
 /// Two uniform numbers in [0, 1) for pair number `pair` of sample `sample_index`.
+#[inline(always)]
 pub fn random_pair(seed: u32, pair: u32, sample_index: u32) -> Vec2 {
     let key = hash(seed ^ hash(pair));
     let index = laine_karras(sample_index.reverse_bits(), key).reverse_bits();

@@ -4,6 +4,7 @@ use glam::{Vec2, Vec3, vec2, vec3};
 
 /// sin and cos of 2 pi `turns`, `turns` in [0, 1]; error below 2e-7. One polynomial for both backends, because Vulkan
 /// lets `sin` and `cos` err by 2^-11.
+#[inline(always)]
 pub fn sin_cos_turns(turns: f32) -> Vec2 {
     // Reduce to an eighth of a turn about the nearest quarter.
     let quarter = (turns * 4.0 + 0.5).floor();
@@ -19,6 +20,7 @@ pub fn sin_cos_turns(turns: f32) -> Vec2 {
 }
 
 /// Direction at height `cos_theta` and azimuth 2 pi `turns` about +Z.
+#[inline(always)]
 pub fn spherical_direction(cos_theta: f32, turns: f32) -> Vec3 {
     let sin_theta = (1.0 - cos_theta * cos_theta).max(0.0).sqrt();
     let sin_cos = sin_cos_turns(turns);
@@ -26,17 +28,20 @@ pub fn spherical_direction(cos_theta: f32, turns: f32) -> Vec3 {
 }
 
 /// Cosine-distributed direction about +Z; its density is cos / pi [1/sr].
+#[inline(always)]
 pub fn sample_cosine(u: Vec2) -> Vec3 {
     spherical_direction((1.0 - u.x).sqrt(), u.y)
 }
 
 /// Point of the unit disc, uniform.
+#[inline(always)]
 pub fn sample_disc(u: Vec2) -> Vec2 {
     let sin_cos = sin_cos_turns(u.y);
     vec2(sin_cos.y, sin_cos.x) * u.x.sqrt()
 }
 
 /// First tangent of the frame about the unit vector `n` (Duff et al., JCGT 2017).
+#[inline(always)]
 pub fn frame_tangent(n: Vec3) -> Vec3 {
     let sign = if n.z < 0.0 { -1.0 } else { 1.0 };
     let a = -1.0 / (sign + n.z);
@@ -44,6 +49,7 @@ pub fn frame_tangent(n: Vec3) -> Vec3 {
 }
 
 /// World direction of `v`, given in the frame about `n`.
+#[inline(always)]
 pub fn world_from_frame(n: Vec3, v: Vec3) -> Vec3 {
     let t = frame_tangent(n);
     let b = n.cross(t);
@@ -51,6 +57,7 @@ pub fn world_from_frame(n: Vec3, v: Vec3) -> Vec3 {
 }
 
 /// `v` in the frame about `n`.
+#[inline(always)]
 pub fn frame_from_world(n: Vec3, v: Vec3) -> Vec3 {
     let t = frame_tangent(n);
     let b = n.cross(t);

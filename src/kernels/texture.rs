@@ -5,6 +5,7 @@ use super::view::SceneView;
 use glam::{Vec2, Vec4};
 
 /// Index of texel (x, y), repeating in both directions.
+#[inline(always)]
 pub fn texel_index(texture: &Texture, x: i32, y: i32) -> u32 {
     let column = x.rem_euclid(texture.width as i32) as u32;
     let row = y.rem_euclid(texture.height as i32) as u32;
@@ -12,6 +13,7 @@ pub fn texel_index(texture: &Texture, x: i32, y: i32) -> u32 {
 }
 
 /// Linear RGBA at `uv`; (0, 0) is the lower left corner of the image.
+#[inline(always)]
 pub fn sample_texture(view: &SceneView, index: u32, uv: Vec2) -> Vec4 {
     let texture = view.texture_at(index);
     let x = (uv.x - uv.x.floor()) * texture.width as f32 - 0.5;

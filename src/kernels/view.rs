@@ -38,55 +38,68 @@ pub struct SceneView<'a> {
 
 impl SceneView<'_> {
     /// The BVH's root as a child reference.
+    #[inline(always)]
     pub fn root(&self) -> u32 {
         0
     }
     /// A node.
+    #[inline(always)]
     pub fn node(&self, index: u32) -> &BvhNode {
         &self.nodes[index as usize]
     }
     /// Eight triangles.
+    #[inline(always)]
     pub fn block(&self, index: u32) -> &TriangleBlock {
         &self.blocks[index as usize]
     }
     /// A triangle.
+    #[inline(always)]
     pub fn triangle(&self, index: u32) -> &Triangle {
         &self.triangles[index as usize]
     }
     /// A vertex.
+    #[inline(always)]
     pub fn vertex(&self, index: u32) -> &Vertex {
         &self.vertices[index as usize]
     }
     /// An analytic primitive.
+    #[inline(always)]
     pub fn primitive(&self, index: u32) -> &Primitive {
         &self.primitives[index as usize]
     }
     /// Material of an object.
+    #[inline(always)]
     pub fn material(&self, object: u32) -> &Material {
         &self.materials[self.objects[object as usize] as usize]
     }
     /// An image.
+    #[inline(always)]
     pub fn texture_at(&self, index: u32) -> Texture {
         self.textures[index as usize]
     }
     /// A texel, linear.
+    #[inline(always)]
     pub fn texel(&self, index: u32) -> Vec4 {
         let half = self.texels[index as usize];
         Vec4::from(half.map(|h| half::f16::from_bits(h).to_f32()))
     }
     /// An emitter.
+    #[inline(always)]
     pub fn light(&self, index: u32) -> &Light {
         &self.lights[index as usize]
     }
     /// An entry of the environment's distribution.
+    #[inline(always)]
     pub fn environment_cdf(&self, index: u32) -> f32 {
         self.environment_cdf[index as usize]
     }
     /// An entry of the albedo table.
+    #[inline(always)]
     pub fn albedo(&self, index: u32) -> f32 {
         self.albedo[index as usize]
     }
     /// Distance to the nearest geometry in quarters of a cell.
+    #[inline(always)]
     pub fn clearance(&self, cell: u32) -> f32 {
         self.clearance[cell as usize] as f32
     }

@@ -124,9 +124,8 @@ fn read_obj(path: &Path, scene: &mut Scene) -> Result<Vec<(Mesh, usize)>> {
 /// A material of an MTL library: Ke emits, illum 4, 6, 7 or d < 1 is glass, Pm or illum 3 is metal, the rest is diffuse.
 fn mtl_material(m: &tobj::Material, folder: &Path, scene: &mut Scene) -> Result<Material> {
     let parameter = |name: &str| m.unknown_param.get(name);
-    let numbers = |name: &str| -> Option<Vec<f32>> { parameter(name)?.split_whitespace().map(|v| v.parse().ok()).collect() };
-    let number = |name: &str| numbers(name).and_then(|v| v.first().copied());
-    let emission = numbers("Ke").filter(|v| v.len() == 3).map_or([0.0; 3], |v| [v[0], v[1], v[2]].map(|c| c.clamp(0.0, 1e9)));
+    let number = |name: &str| -> Option<f32> { parameter(name)?.split_whitespace().next()?.parse().ok() };
+    let emission = m.emissive.unwrap_or([0.0; 3]).map(|c| c.clamp(0.0, 1e9));
     let mut texture = |name: Option<&String>, data| match name {
         Some(name) => {
             scene.images.push(Arc::new(Image::read(&folder.join(name), data)?));

@@ -25,8 +25,8 @@ parameters! {
         ux, uy, uz,
         /// Extent along the direction.
         low, high,
-        /// Radius of influence.
-        radius,
+        /// Radius of influence, and the length below which its distance no longer limits steps.
+        radius, core,
         /// Coefficients of the potential by power of r.
         c0, c1, c3, c4
     }
@@ -41,8 +41,8 @@ parameters! {
         ux, uy, uz,
         /// Extent along the direction.
         low, high,
-        /// Radius of influence.
-        radius,
+        /// Radius of influence, and the length below which its distance no longer limits steps.
+        radius, core,
         /// Constant and coefficient of the logarithm.
         c0, cl,
         /// Coefficients of the powers of r.
@@ -62,9 +62,9 @@ fn segment_distance<S: Scalar>(x: Vec3<S>, p: Vec3<S>, u: Vec3<S>, low: S, high:
     (from_point - u * along).length_or_zero()
 }
 
-/// A step that cannot jump over the ball (or tube) of a source: the distance to it, plus a share of its radius.
-fn step_past_source<S: Scalar>(distance: S, radius: S) -> S {
-    (distance - radius).max(S::constant(0.0)) + distance.min(radius).max(radius * S::constant(0.02)) * S::constant(0.5)
+/// A step that cannot jump over the ball (or tube) of a source: the distance to it, plus a share of the depth inside.
+fn step_past_source<S: Scalar>(distance: S, radius: S, core: S) -> S {
+    (distance - radius).max(S::constant(0.0)) + distance.min(radius).max(core) * S::constant(0.3)
 }
 
 macro_rules! distance_to {
@@ -97,7 +97,7 @@ impl Medium for ThesisGravity {
     }
 
     fn source_safe_step<S: Scalar>(source: &ThesisSource<S>, x: Vec3<S>) -> S {
-        step_past_source(distance_to!(source, x), source.radius)
+        step_past_source(distance_to!(source, x), source.radius, source.core)
     }
 }
 
@@ -127,7 +127,7 @@ impl Medium for PowerGravity {
     }
 
     fn source_safe_step<S: Scalar>(source: &PowerSource<S>, x: Vec3<S>) -> S {
-        step_past_source(distance_to!(source, x), source.radius)
+        step_past_source(distance_to!(source, x), source.radius, source.core)
     }
 }
 
@@ -173,11 +173,13 @@ impl Source {
         (-at_radius, log, terms)
     }
 
-    fn geometry(&self) -> [f64; 9] {
+    fn geometry(&self) -> [f64; 10] {
         let [px, py, pz] = self.position;
         let [ux, uy, uz] = self.direction;
         let bound = |v: f64| v.clamp(-UNBOUNDED, UNBOUNDED);
-        [px, py, pz, ux, uy, uz, bound(self.extent.0), bound(self.extent.1), bound(self.radius)]
+        // The error estimate sees the smooth inside of a ball; around a center of unbounded force steps shrink with the distance.
+        let core = if self.radius.is_finite() { self.radius } else { 0.0 };
+        [px, py, pz, ux, uy, uz, bound(self.extent.0), bound(self.extent.1), bound(self.radius), core]
     }
 
     /// Values of a [`ThesisSource`], in its order.

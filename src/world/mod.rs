@@ -241,7 +241,7 @@ fn compile_material(m: &crate::scene::Material) -> Material {
         base_texture: index(m.textures[0]),
         roughness_texture: index(m.textures[1]),
         emission_texture: index(m.textures[2]),
-        flags: if m.two_sided { MATERIAL_TWO_SIDED } else { 0 },
+        flags: if m.two_sided { MATERIAL_TWO_SIDED } else { 0 } | if m.textures.iter().any(Option::is_some) { MATERIAL_TEXTURED } else { 0 },
     }
 }
 

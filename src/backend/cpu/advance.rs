@@ -1,7 +1,7 @@
 //! Rays from launch to landing: straight ones one by one, curved ones as lanes of a register with finished lanes refilled.
 
-use crate::kernels::bvh::{Hit, TraversalStack, closest_hit, curve_tangent, hermite, hit_position, straight};
-use crate::kernels::clearance::clearance_at;
+use crate::kernels::bvh::{Hit, TraversalStack, closest_hit, curve_tangent, cut_span, hermite, hit_position, straight};
+use crate::kernels::clearance::occupied_span;
 use crate::kernels::constants::*;
 use crate::kernels::integrator::*;
 use crate::kernels::layout::SceneParameters;
@@ -293,16 +293,16 @@ pub fn advance_curved<M: Model, L: Lane<Real = T>, S: Simd, T: Scalar>(
             let (tangent0, tangent1) = if euler { (end - start, end - start) } else { (at(&lanes.p) * scale, at(&p1) * scale) };
             let mut ended = None;
             let mut solo = None;
-            // Every point of the step lies within half its control polygon of the middle of its chord.
-            let reach = 0.5 * (tangent0.length() + tangent1.length() + (end - start).length());
-            if clearance_at(&course.view, (start + end) * 0.5) < reach {
+            let step = hermite(start, end, tangent0, tangent1);
+            let span = occupied_span(&course.view, &step);
+            if span.x < span.y {
                 lanes.chords[i] += 1;
-                let curve = hermite(start, end, tangent0, tangent1, scene.chord_tolerance * cones[i].to_f32());
+                let curve = cut_span(&step, span.x, span.y, scene.chord_tolerance * cones[i].to_f32());
                 let mut hit = Hit::none(1.0);
                 closest_hit(simd, &course.view, &curve, stack, &mut hit);
                 if hit.primitive != NO_INDEX {
                     let mut landed = lanes.solo(i);
-                    landed.length += travel[i].to_f32() * hit.t;
+                    landed.length += travel[i].to_f32() * (span.x + (span.y - span.x) * hit.t);
                     landed.hit = Some((hit, hit_position(&curve, hit.t), curve_tangent(&curve, hit.t)));
                     ended = Some(STATUS_HIT);
                     solo = Some(landed);

@@ -245,7 +245,7 @@ impl<T: Advance> Shared<'_, T> {
         let course = Course { view: *view, scene: view.scene, model: self.model, length: None };
         let mut clock = StageClock::new();
         scratch.paths.clear();
-        scratch.paths.extend(pixels.iter().map(|&(x, y)| start_path(view, x, y, sample)));
+        dispatch!(self.level, _simd => scratch.paths.extend(pixels.iter().map(#[inline(always)] |&(x, y)| start_path(view, x, y, sample))));
         let mut nanos = [clock.lap(), 0, 0];
         let mut active: Vec<u32> = (0..pixels.len() as u32).collect();
         let mut first_aovs: Vec<Option<Aov>> = Vec::new();
@@ -270,27 +270,8 @@ impl<T: Advance> Shared<'_, T> {
                 arrivals[i] = Some(landing.arrival);
             });
             nanos[1] += clock.lap();
-            let mut slot = 0;
-            active.retain(|&index| {
-                let arrival = scratch.arrivals[slot];
-                slot += 1;
-                // Every launched ray lands.
-                let Some(arrival) = arrival else { return false };
-                let path = &mut scratch.paths[index as usize];
-                let (x, y) = pixels[index as usize];
-                if arrival.status != STATUS_HIT {
-                    statistics.exhausted += u64::from(arrival.status == STATUS_EXHAUSTED);
-                    if wants_aovs && path.bounce == 0 {
-                        first_aovs.push(Some(miss_aov(&arrival)));
-                    }
-                    escape(view, path, &arrival);
-                    return false;
-                }
-                let surface = surface_at(view, &arrival);
-                if wants_aovs && path.bounce == 0 {
-                    first_aovs.push(Some(hit_aov(view, &surface, &arrival)));
-                }
-                shade(view, pixel_seed(x, y), sample, &surface, path, &arrival)
+            dispatch!(self.level, _simd => {
+                self.shade_all(pixels, sample, scratch, &mut active, statistics, wants_aovs.then_some(&mut first_aovs))
             });
             nanos[2] += clock.lap();
         }
@@ -304,6 +285,48 @@ impl<T: Advance> Shared<'_, T> {
             total.fetch_add(own, Ordering::Relaxed);
         }
         self.batches.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+impl<T: Advance> Shared<'_, T> {
+    /// Handles the end of every active ray; the paths that go on stay active. Inlined into each instruction set's own copy.
+    #[inline(always)]
+    fn shade_all(
+        &self,
+        pixels: &[(u32, u32)],
+        sample: u32,
+        scratch: &mut Scratch,
+        active: &mut Vec<u32>,
+        statistics: &mut Statistics,
+        mut first_aovs: Option<&mut Vec<Option<Aov>>>,
+    ) {
+        let view = &self.view;
+        let mut kept = 0;
+        for slot in 0..active.len() {
+            let index = active[slot];
+            // Every launched ray lands.
+            let Some(arrival) = &scratch.arrivals[slot] else { continue };
+            let path = &mut scratch.paths[index as usize];
+            let (x, y) = pixels[index as usize];
+            let camera_ray = path.bounce == 0;
+            if arrival.status != STATUS_HIT {
+                statistics.exhausted += u64::from(arrival.status == STATUS_EXHAUSTED);
+                if let (Some(aovs), true) = (&mut first_aovs, camera_ray) {
+                    aovs.push(Some(miss_aov(arrival)));
+                }
+                escape(view, path, arrival);
+                continue;
+            }
+            let surface = surface_at(view, arrival);
+            if let (Some(aovs), true) = (&mut first_aovs, camera_ray) {
+                aovs.push(Some(hit_aov(view, &surface, arrival)));
+            }
+            if shade(view, pixel_seed(x, y), sample, &surface, path, arrival) {
+                active[kept] = index;
+                kept += 1;
+            }
+        }
+        active.truncate(kept);
     }
 }
 
