@@ -74,7 +74,7 @@ struct SceneParameters {
     vec3 region_center;
     float region_radius;
     vec3 grid_min;
-    float grid_cell;
+    float grid_inverse_cell;
     uvec3 grid_size;
     float region_strength;
     uint camera_kind;

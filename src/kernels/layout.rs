@@ -159,8 +159,8 @@ pub struct SceneParameters {
     pub region_radius: f32,
     /// Corner of the clearance grid.
     pub grid_min: [f32; 3],
-    /// Side of a cell.
-    pub grid_cell: f32,
+    /// Cells per length.
+    pub grid_inverse_cell: f32,
     /// Cells along each axis; all zero without a grid.
     pub grid_size: [u32; 3],
     /// Coefficient A of the far field n = 1 + A / r outside the region; 0 if space is straight there.

@@ -11,7 +11,7 @@ use glam::{UVec3, Vec3};
 use rayon::prelude::*;
 
 /// About how many cells a grid has.
-const CELLS: f32 = 1_500_000.0;
+const CELLS: f32 = 600_000.0;
 /// Most cells along an axis.
 const MAX_SIDE: f32 = 512.0;
 
@@ -58,7 +58,7 @@ pub(super) fn build(world: &mut World, corners: &[[Vec3; 3]], bounds: (Vec3, Vec
         }
     }
     world.scene.grid_min = grid.min.into();
-    world.scene.grid_cell = grid.cell;
+    world.scene.grid_inverse_cell = 1.0 / grid.cell;
     world.scene.grid_size = grid.size.to_array();
     world.clearance = grid.distances();
 }

@@ -175,7 +175,7 @@ impl<T: Scalar> Lanes<T> {
         let size = dot(p, p).sqrt();
         Solo {
             x: [self.x[0][i], self.x[1][i], self.x[2][i]],
-            d: p.map(|c| c / size),
+            d: [p[0] / size, p[1] / size, p[2] / size],
             p,
             length: self.length[i].to_f32(),
             steps: self.steps[i],
@@ -215,15 +215,23 @@ pub fn advance_curved<M: Model, L: Lane<Real = T>, S: Simd, T: Scalar>(
     };
     let mut next = 0;
     let mut live = 0u32;
-    for lane in 0..L::LANES {
-        if refill::<M, S, T>(simd, course, stack, &mut lanes, lane, &mut next, count, &launch, &mut land) {
-            live |= 1 << lane;
-        }
-    }
-    let center = scene.region_center.map(|c| T::from_f64(f64::from(c)));
+    let center = region_center::<T>(scene);
     let radius = T::from_f64(f64::from(scene.region_radius));
     let limit = course.length.map(T::from_f64);
-    while live != 0 {
+    loop {
+        // Fill the lanes that are free.
+        let mut free = !live & ((1u32 << L::LANES) - 1);
+        while free != 0 && next < count {
+            let lane = free.trailing_zeros() as usize;
+            free &= free - 1;
+            if refill::<M, S, T>(simd, course, stack, &mut lanes, lane, &mut next, count, &launch, &mut land) {
+                live |= 1 << lane;
+            }
+        }
+        if live == 0 {
+            return;
+        }
+
         // Step every lane.
         let flight = Flight { x: load3(token, &lanes.x), p: load3(token, &lanes.p), a: load3::<L, MAX_LANES>(token, &lanes.a) };
         let h = L::load(token, &lanes.h);
@@ -248,13 +256,17 @@ pub fn advance_curved<M: Model, L: Lane<Real = T>, S: Simd, T: Scalar>(
         let next_h = if euler { h } else { proposed.min(safe) };
         let alive = M::capture_distance::<L>(token, course.model, moved.x);
         let captured = L::bits(alive.lt(L::constant(token, 0.0)));
-        let from_center = [0, 1, 2].map(#[inline(always)] |i| moved.x[i] - L::splat(token, center[i]));
+        let from_center = [
+            moved.x[0] - L::splat(token, center[0]),
+            moved.x[1] - L::splat(token, center[1]),
+            moved.x[2] - L::splat(token, center[2]),
+        ];
         let outside = L::both(
             L::splat(token, radius * radius).lt(dot(from_center, from_center)),
             L::constant(token, 0.0).lt(dot(from_center, moved.p)),
         );
         let outside = L::bits(outside);
-        let step = [0, 1, 2].map(#[inline(always)] |i| moved.x[i] - flight.x[i]);
+        let step = [moved.x[0] - flight.x[0], moved.x[1] - flight.x[1], moved.x[2] - flight.x[2]];
         let travelled = dot(step, step).sqrt();
 
         let mut x1 = [[zero; MAX_LANES]; 3];
@@ -281,9 +293,7 @@ pub fn advance_curved<M: Model, L: Lane<Real = T>, S: Simd, T: Scalar>(
                 lanes.h[i] = rejected_h[i];
                 if lanes.steps[i] >= scene.max_steps {
                     finish::<M, T>(course, &lanes, i, lanes.solo(i), STATUS_EXHAUSTED, &mut land);
-                    if !refill::<M, S, T>(simd, course, stack, &mut lanes, i, &mut next, count, &launch, &mut land) {
-                        live &= !(1 << i);
-                    }
+                    live &= !(1 << i);
                 }
                 continue;
             }
@@ -339,9 +349,7 @@ pub fn advance_curved<M: Model, L: Lane<Real = T>, S: Simd, T: Scalar>(
             if let Some(status) = ended {
                 let solo = solo.unwrap_or_else(|| lanes.solo(i));
                 finish::<M, T>(course, &lanes, i, solo, status, &mut land);
-                if !refill::<M, S, T>(simd, course, stack, &mut lanes, i, &mut next, count, &launch, &mut land) {
-                    live &= !(1 << i);
-                }
+                live &= !(1 << i);
             }
         }
     }
@@ -353,12 +361,20 @@ impl<T: Scalar> Solo<T> {
     fn leave<S: Simd>(&mut self, simd: S, course: &Course<T>, stack: &mut TraversalStack) -> u32 {
         let scene = course.scene;
         if scene.region_strength != 0.0 {
-            let from_center = [0, 1, 2].map(|i| self.x[i] - T::from_f64(f64::from(scene.region_center[i])));
+            let center = region_center::<T>(scene);
+            let from_center = [self.x[0] - center[0], self.x[1] - center[1], self.x[2] - center[2]];
             self.d = asymptote(from_center, self.d, T::from_f64(f64::from(scene.region_strength)));
             return STATUS_ESCAPED;
         }
         self.cross(simd, course, stack, T::from_f64(f64::from(FAR))).unwrap_or(STATUS_ESCAPED)
     }
+}
+
+/// Center of the bending region.
+#[inline(always)]
+fn region_center<T: Scalar>(scene: &SceneParameters) -> [T; 3] {
+    let c = scene.region_center;
+    [T::from_f64(f64::from(c[0])), T::from_f64(f64::from(c[1])), T::from_f64(f64::from(c[2]))]
 }
 
 /// Reports the end of lane `i`.
@@ -399,7 +415,7 @@ fn refill<M: Model, S: Simd, T: Scalar>(
     land: &mut impl FnMut(usize, Landing<T>),
 ) -> bool {
     let scene = course.scene;
-    let center = scene.region_center.map(|c| T::from_f64(f64::from(c)));
+    let center = region_center(scene);
     let radius = T::from_f64(f64::from(scene.region_radius));
     while *next < count {
         let index = *next;
@@ -421,7 +437,7 @@ fn refill<M: Model, S: Simd, T: Scalar>(
         }
         let energy = M::launch_energy::<T>((), course.model, solo.x, ray.speed);
         let (n, gradient) = M::medium::<T>((), course.model, solo.x, energy);
-        let a = gradient.map(|g| g * n);
+        let a = [gradient[0] * n, gradient[1] * n, gradient[2] * n];
         let safe = M::safe_step::<T>((), course.model, solo.x);
         let mut h = if scene.method == METHOD_EULER {
             T::from_f64(f64::from(scene.step_length))

@@ -135,7 +135,9 @@ impl ModelFormulas {
                 "    #[inline(always)]\n    #[allow(unused_variables, reason = \"a model need not read everything\")]\n    fn {}<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3]{argument}) -> {result} {{",
                 f.name
             );
-            out.push_str("    let [x, y, z] = [0, 1, 2].map(#[inline(always)] |i| position[i] - L::splat(token, model.origin[i]));\n");
+            for (i, name) in ["x", "y", "z"].into_iter().enumerate() {
+                let _ = writeln!(out, "    let {name} = position[{i}] - L::splat(token, model.origin[{i}]);");
+            }
             self.load(&mut out, Dialect::Rust, "g_", self.global_names, &f.outputs, |i| format!("L::splat(token, model.global[{i}])"));
             let stride = self.source_names.len();
             self.reduce(&mut out, Dialect::Rust, &f.reduction, &format!("for source in model.sources.chunks_exact({stride})"), |i| {
