@@ -96,6 +96,7 @@ const uint WORD_SURFACE = 6;
 const uint WORD_LEDGER = 7;
 const uint WORD_FLIGHT = 8;
 const uint WORD_LAUNCH = 12;
+const uint WORD_LENGTH = 13;
 
 // Steps word of a ray that has not started: from the path's origin, or from the flight's own words.
 const uint FRESH = 0xffffffffu;
@@ -209,13 +210,17 @@ float albedo(uint index) {
     return push.scene.albedo.items[index];
 }
 
-// The model's block: origin, global parameters, sources.
+// The model's block: origin, step length of euler, global parameters, sources.
 real3 model_origin() {
     return real3(push.scene.model.values[0], push.scene.model.values[1], push.scene.model.values[2]);
 }
 
+real model_step() {
+    return push.scene.model.values[3];
+}
+
 real model_global(int i) {
-    return push.scene.model.values[3 + i];
+    return push.scene.model.values[4 + i];
 }
 
 int model_source_count() {
@@ -223,5 +228,5 @@ int model_source_count() {
 }
 
 real model_source(int source, int i) {
-    return push.scene.model.values[3 + source * int(push.scene.model.source_stride) + i];
+    return push.scene.model.values[4 + source * int(push.scene.model.source_stride) + i];
 }

@@ -14,7 +14,7 @@ struct Ray {
     real energy;
     real h;
     float lapse;
-    float len;
+    real len;
     uint steps;
     uint chords;
 };
@@ -29,7 +29,8 @@ void store_ray(uint slot, Ray ray) {
     store_word(slot, WORD_FLIGHT + 1, pack_reals(ray.x.z, ray.energy));
     store_word(slot, WORD_FLIGHT + 2, pack_reals(ray.p.x, ray.p.y));
     store_word(slot, WORD_FLIGHT + 3, pack_reals(ray.p.z, ray.h));
-    store_word(slot, WORD_LAUNCH, uvec4(floatBitsToUint(ray.lapse), floatBitsToUint(ray.len), ray.steps, ray.chords));
+    store_word(slot, WORD_LAUNCH, uvec4(floatBitsToUint(ray.lapse), 0, ray.steps, ray.chords));
+    store_word(slot, WORD_LENGTH, pack_reals(ray.len, 0.0lf));
 }
 
 Ray load_ray(uint slot) {
@@ -40,7 +41,7 @@ Ray load_ray(uint slot) {
     uvec4 e = load_word(slot, WORD_LAUNCH);
     return Ray(dvec3(packDouble2x32(a.xy), packDouble2x32(a.zw), packDouble2x32(b.xy)),
         dvec3(packDouble2x32(c.xy), packDouble2x32(c.zw), packDouble2x32(d.xy)), packDouble2x32(b.zw), packDouble2x32(d.zw),
-        uintBitsToFloat(e.x), uintBitsToFloat(e.y), e.z, e.w);
+        uintBitsToFloat(e.x), packDouble2x32(load_word(slot, WORD_LENGTH).xy), e.z, e.w);
 }
 #else
 void store_ray(uint slot, Ray ray) {
@@ -71,7 +72,7 @@ void end_flight(uint slot, inout Ray ray, real3 d, Hit hit, Curve curve, uint st
         real3 gradient;
         drift = abs(float(size / medium(ray.x, ray.energy, gradient)) - 1.0);
     }
-    land(slot, Arrival(position, hit.primitive, direction, status, hit.u, hit.v, ray.len, lapse_end / ray.lapse, ray.steps, ray.chords, drift));
+    land(slot, Arrival(position, hit.primitive, direction, status, hit.u, hit.v, float(ray.len), lapse_end / ray.lapse, ray.steps, ray.chords, drift));
     if (push.tracing != 0) {
         ray.x = found ? real3(position) : ray.x;
         ray.p = found ? real3(direction) : d;
@@ -105,7 +106,7 @@ void advance(uint slot) {
         ray.p = d;
         ray.steps = 0;
         ray.chords = 0;
-        ray.len = 0.0;
+        ray.len = real(0.0);
         ray.lapse = float(lapse(ray.x));
         entry = enter_sphere(ray.x, d, center, radius);
         mode = MODE_APPROACH;
@@ -126,7 +127,7 @@ void advance(uint slot) {
             hit.t = entry < real(0.0) ? FAR : float(entry * (real(1.0) + REGION_MARGIN));
         } else if (mode == MODE_STEP) {
             moved = Flight(ray.x, ray.p, a);
-            cone = spread * ray.len + width;
+            cone = spread * float(ray.len) + width;
             vec3 size = abs(vec3(ray.x));
             tolerance = max(real(cone * SCENE.tolerance), real(max(size.x, max(size.y, size.z))) * TOLERANCE_FLOOR);
             error = real(0.0);
@@ -160,9 +161,12 @@ void advance(uint slot) {
         }
 
         // See what it met and whether the ray is over.
-        float piece = mode == MODE_STEP ? float(length(moved.x - ray.x)) : 1.0;
+        real piece = real(1.0);
+        if (mode == MODE_STEP) {
+            piece = euler ? ray.h : arc_length(Flight(ray.x, ray.p, a), moved, ray.h);
+        }
         if (hit.primitive != NO_INDEX) {
-            ray.len += piece * (span.x + (span.y - span.x) * hit.t);
+            ray.len += piece * real(span.x + (span.y - span.x) * hit.t);
             if (mode == MODE_STEP) {
                 ray.x = moved.x;
                 ray.p = moved.p;
@@ -177,14 +181,14 @@ void advance(uint slot) {
         if (mode == MODE_APPROACH) {
             if (look) {
                 ray.x += d * (entry * (real(1.0) + REGION_MARGIN));
-                ray.len += t_max;
+                ray.len += real(t_max);
             }
             ray.energy = launch_energy(ray.x, speed);
             real3 gradient;
             real n = medium(ray.x, ray.energy, gradient);
             a = gradient * n;
             ray.p = d * n;
-            ray.h = euler ? real(SCENE.step_length) : first_step(n, a, safe_step(ray.x));
+            ray.h = euler ? model_step() : first_step(n, a, safe_step(ray.x));
             if (limited && !euler) {
                 ray.h = min(ray.h, real(push.length_limit) / n);
             }
@@ -216,13 +220,16 @@ void advance(uint slot) {
         } else if (ray.steps >= SCENE.max_steps) {
             status = STATUS_EXHAUSTED;
         }
-        bool over = limited && mode == MODE_STEP && ray.len >= push.length_limit * 0.9999999;
+        real left = real(push.length_limit) - ray.len;
+        bool reached = euler ? left < real(0.5) * ray.h : abs(left) <= real(100.0) * TOLERANCE_FLOOR * real(push.length_limit);
+        bool over = limited && mode == MODE_STEP && reached;
         if (status != STATUS_FLYING || over) {
             end_flight(slot, ray, d, hit, curve, status, true);
             return;
         }
         if (limited && !euler) {
-            ray.h = min(ray.h, real(push.length_limit - ray.len) / size);
+            // Near the end the rest is stepped exactly, back if the last step went too far.
+            ray.h = min(ray.h, left / size);
         }
     }
 

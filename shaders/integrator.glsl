@@ -51,6 +51,14 @@ void euler_step(real energy, inout Flight flight, real h, real kick) {
     flight.p = along(flight.p, gradient, kick);
 }
 
+real arc_length(Flight from, Flight to, real h) {
+    real3 middle = along((to.x - from.x) * real(1.5), from.p + to.p, real(-0.25) * h);
+    real size = sqrt(dot(from.p, from.p)) + sqrt(dot(to.p, to.p));
+    real inner = sqrt(dot(middle, middle));
+    inner = h < real(0.0) ? -inner : inner;
+    return (size * h + inner * real(4.0)) / real(6.0);
+}
+
 real enter_sphere(real3 x, real3 d, real3 center, real radius) {
     real3 f = x - center;
     real c = dot(f, f) - radius * radius;

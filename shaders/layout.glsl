@@ -86,7 +86,6 @@ struct SceneParameters {
     float origin_offset;
     float tolerance;
     float chord_tolerance;
-    float step_length;
     uint max_steps;
     uint method;
     uint literal_kick;

@@ -14,6 +14,8 @@ use crate::spacetime::ModelKind;
 pub struct ModelBlock<T> {
     /// Origin of the model in the world.
     pub origin: [T; 3],
+    /// Step length of `euler`.
+    pub step: T,
     /// Values of the model's parameters.
     pub global: Vec<T>,
     /// Values of its sources, one after another.
@@ -120,6 +122,20 @@ pub fn euler_step<M: Model, L: Lane>(
     let (_, gradient) = M::medium(token, model, flight.x, energy);
     let speed = dot(flight.p, flight.p).sqrt();
     Flight { x: along(flight.x, flight.p, h / speed), p: along(flight.p, gradient, kick), a: flight.a }
+}
+
+/// Arc length of a step: Simpson's rule on |x'|, its middle taken from the dense output.
+#[inline(always)]
+pub fn arc_length<L: Lane>(token: L::Token, from: &Flight<L>, to: &Flight<L>, h: L) -> L {
+    let chord = [to.x[0] - from.x[0], to.x[1] - from.x[1], to.x[2] - from.x[2]];
+    let ends = along(from.p, to.p, L::constant(token, 1.0));
+    let scale = L::constant(token, -0.25) * h;
+    let c = L::constant(token, 1.5);
+    let middle = along([chord[0] * c, chord[1] * c, chord[2] * c], ends, scale);
+    let size = dot(from.p, from.p).sqrt() + dot(to.p, to.p).sqrt();
+    let inner = dot(middle, middle).sqrt();
+    let inner = L::select(h.lt(L::constant(token, 0.0)), -inner, inner);
+    (size * h + inner * L::constant(token, 4.0)) * L::constant(token, 1.0 / 6.0)
 }
 
 /// Ray parameter at which the straight ray enters the sphere, 0 if it starts inside, -1 if it misses.

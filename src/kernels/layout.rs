@@ -183,8 +183,6 @@ pub struct SceneParameters {
     pub tolerance: f32,
     /// Sagitta allowed per chord, as a share of the ray's width.
     pub chord_tolerance: f32,
-    /// Step length of `euler`.
-    pub step_length: f32,
     /// Steps after which a ray is exhausted.
     pub max_steps: u32,
     /// `METHOD_*`.

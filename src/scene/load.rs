@@ -31,10 +31,15 @@ pub fn load_scene(path: Option<&Path>, overrides: &[String]) -> Result<Scene> {
             (path.to_owned(), text)
         }
     };
-    let loader = Loader { path: &path, text: &text };
-    let mut file: SceneFile = toml::from_str(&text).map_err(|e| loader.error(e.span().unwrap_or_default(), one_line(e.message())))?;
+    parse_scene(&path, &text, overrides)
+}
+
+/// Validates the text of a scene; files it names are relative to the folder of `path`.
+pub fn parse_scene(path: &Path, text: &str, overrides: &[String]) -> Result<Scene> {
+    let loader = Loader { path, text };
+    let mut file: SceneFile = toml::from_str(text).map_err(|e| loader.error(e.span().unwrap_or_default(), one_line(e.message())))?;
     if !overrides.is_empty() {
-        file = apply_overrides(&text, overrides)?;
+        file = apply_overrides(text, overrides)?;
     }
     loader.scene(&file)
 }

@@ -7,7 +7,7 @@ pub mod texture;
 pub mod values;
 
 pub use file::{CameraKind, Filter, Form, Law, Method, ToneMap};
-pub use load::load_scene;
+pub use load::{load_scene, parse_scene};
 
 use crate::spacetime::gravity::Source;
 use glam::{DMat4, DVec3};

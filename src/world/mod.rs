@@ -82,7 +82,7 @@ impl World {
             clearance: vec![],
             albedo: albedo_table(),
             model: model_kind(&scene.spacetime),
-            parameters: model_parameters(&scene.spacetime),
+            parameters: ModelBlock { step: scene.integrator.step, ..model_parameters(&scene.spacetime) },
             spacetime: scene.spacetime.clone(),
             bounds: (Vec3::ZERO, Vec3::ZERO),
             dark: false,
@@ -138,17 +138,23 @@ impl World {
         let convert = |values: &[f64]| values.iter().map(|&v| T::from_f64(v)).collect();
         ModelBlock {
             origin: self.parameters.origin.map(T::from_f64),
+            step: T::from_f64(self.parameters.step),
             global: convert(&self.parameters.global),
             sources: convert(&self.parameters.sources),
         }
     }
 
     /// Scene parameters for tracing `origins` on their own: the region reaches around all of them, tolerances are absolute.
-    pub fn trace_parameters(&self, origins: &[[f64; 3]], reach: Reach, tolerance: f64) -> SceneParameters {
+    ///
+    /// A ray of limited length is integrated all along, wherever it is.
+    pub fn trace_parameters(&self, origins: &[[f64; 3]], reach: Reach, tolerance: f64, limited: bool) -> SceneParameters {
         let around = origins.iter().map(|o| Vec3::from(o.map(|v| v as f32)));
         let (low, high) = around.fold(self.bounds, |(low, high), o| (low.min(o), high.max(o)));
         let mut scene = self.scene;
         scene.set_region(&region::region(&self.spacetime, low, high, reach));
+        if limited {
+            scene.region_radius = 1e12;
+        }
         scene.tolerance = tolerance as f32;
         scene.chord_tolerance = (tolerance as f32).max(1e-6);
         scene
@@ -258,11 +264,10 @@ fn model_parameters(spacetime: &Spacetime) -> ModelBlock<f64> {
     match spacetime {
         Spacetime::Flat => ModelBlock::default(),
         Spacetime::Gravity { exponent, sources, .. } => ModelBlock {
-            origin: [0.0; 3],
-            global: vec![],
             sources: sources.iter().flat_map(|s| exponent.map_or_else(|| s.thesis_parameters(), |e| s.power_parameters(e))).collect(),
+            ..ModelBlock::default()
         },
-        Spacetime::Schwarzschild { mass, position } => ModelBlock { origin: (*position).into(), global: vec![*mass], sources: vec![] },
+        Spacetime::Schwarzschild { mass, position } => ModelBlock { origin: (*position).into(), global: vec![*mass], ..ModelBlock::default() },
     }
 }
 
@@ -295,7 +300,6 @@ fn scene_parameters(scene: &Scene) -> SceneParameters {
         cone_width: (spread * NEAR_SHARE * camera.focus_distance) as f32,
         tolerance: scene.integrator.tolerance as f32,
         chord_tolerance: scene.integrator.chord_tolerance as f32,
-        step_length: scene.integrator.step as f32,
         max_steps: scene.integrator.max_steps,
         method: if scene.integrator.method == Method::Euler { METHOD_EULER } else { METHOD_NYSTROM },
         literal_kick: matches!(scene.spacetime, Spacetime::Gravity { literal: true, .. }) as u32,

@@ -53,10 +53,13 @@ pub fn region(spacetime: &Spacetime, low: Vec3, high: Vec3, reach: Reach) -> Reg
         Spacetime::Flat => Region { center: Vec3::ZERO, radius: 0.0, strength: 0.0 },
         Spacetime::Schwarzschild { mass, position } => around(*position, 2.0 * mass),
         Spacetime::Gravity { sources, .. } if sources.is_empty() => Region { center: Vec3::ZERO, radius: 0.0, strength: 0.0 },
-        Spacetime::Gravity { exponent, sources, .. } => {
+        Spacetime::Gravity { exponent, literal, sources } => {
             let bounded = sources.iter().all(|s| s.radius.is_finite() && s.extent.1.is_finite());
             if bounded {
-                return bounding_sphere(sources);
+                let ball = bounding_sphere(sources);
+                // The literal recurrence counts its steps from the ray's origin, so they must not start at the ball.
+                let around_scene = (low - ball.center).abs().max((high - ball.center).abs()).length() * 1.01;
+                return Region { radius: if *literal { ball.radius.max(around_scene) } else { ball.radius }, ..ball };
             }
             let center = sources.iter().map(|s| DVec3::from(s.position)).sum::<DVec3>() / sources.len() as f64;
             // Only the potential of an inverse-square force has an asymptote in closed form; other fields end ten scenes away.

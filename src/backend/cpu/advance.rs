@@ -266,8 +266,8 @@ pub fn advance_curved<M: Model, L: Lane<Real = T>, S: Simd, T: Scalar>(
             L::constant(token, 0.0).lt(dot(from_center, moved.p)),
         );
         let outside = L::bits(outside);
-        let step = [moved.x[0] - flight.x[0], moved.x[1] - flight.x[1], moved.x[2] - flight.x[2]];
-        let travelled = dot(step, step).sqrt();
+        // The thesis' steps have the length they are given.
+        let travelled = if euler { h } else { arc_length(token, &flight, &moved, h) };
 
         let mut x1 = [[zero; MAX_LANES]; 3];
         let mut p1 = [[zero; MAX_LANES]; 3];
@@ -339,10 +339,16 @@ pub fn advance_curved<M: Model, L: Lane<Real = T>, S: Simd, T: Scalar>(
                 } else if let Some(limit) = limit {
                     let left = limit - lanes.length[i];
                     let size = dot([p1[0][i], p1[1][i], p1[2][i]], [p1[0][i], p1[1][i], p1[2][i]]).sqrt();
-                    if left.to_f64() <= 1e-12 * limit.to_f64() {
+                    let reached = if euler {
+                        left.to_f64() < 0.5 * lanes.h[i].to_f64()
+                    } else {
+                        left.to_f64().abs() <= 100.0 * T::TOLERANCE_FLOOR * limit.to_f64()
+                    };
+                    if reached {
                         ended = Some(STATUS_FLYING);
                     } else if !euler {
-                        lanes.h[i] = lanes.h[i].min(left / size);
+                        // Near the end the rest is stepped exactly, back if the last step went too far.
+                        lanes.h[i] = Lane::min(lanes.h[i], left / size);
                     }
                 }
             }
@@ -440,7 +446,7 @@ fn refill<M: Model, S: Simd, T: Scalar>(
         let a = [gradient[0] * n, gradient[1] * n, gradient[2] * n];
         let safe = M::safe_step::<T>((), course.model, solo.x);
         let mut h = if scene.method == METHOD_EULER {
-            T::from_f64(f64::from(scene.step_length))
+            course.model.step
         } else {
             first_step((), n, a, safe)
         };

@@ -153,7 +153,7 @@ impl CpuBackend {
     fn trace_in<T: Advance>(&mut self, rays: &[TraceRay], options: TraceOptions, reach: Reach) -> Result<Vec<TraceResult>> {
         let world = self.world()?;
         let origins: Vec<[f64; 3]> = rays.iter().map(|r| r.origin).collect();
-        let scene: SceneParameters = world.trace_parameters(&origins, reach, options.tolerance);
+        let scene: SceneParameters = world.trace_parameters(&origins, reach, options.tolerance, options.length.is_some());
         let course = Course { view: world.view(), scene: &scene, model: T::model(&self.models), length: options.length };
         let gravity = matches!(world.model, ModelKind::ThesisGravity | ModelKind::PowerGravity);
         let level = self.level;

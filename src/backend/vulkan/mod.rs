@@ -33,7 +33,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Words of 16 bytes that a path takes in memory (`bindings.glsl`).
-const PATH_WORDS: u64 = 13;
+const PATH_WORDS: u64 = 14;
 /// Most path slots.
 const MAX_SLOTS: u64 = 1 << 21;
 /// Slots of the first batch, before anything was measured.
@@ -293,7 +293,7 @@ impl VulkanBackend {
     fn trace_in(&mut self, loaded: &mut Loaded, rays: &[TraceRay], options: TraceOptions) -> Result<Vec<TraceResult>> {
         let origins: Vec<[f64; 3]> = rays.iter().map(|r| r.origin).collect();
         let reach = if loaded.precision == Precision::F64 { Reach::Exact } else { Reach::Picture };
-        let parameters = loaded.world.trace_parameters(&origins, reach, options.tolerance);
+        let parameters = loaded.world.trace_parameters(&origins, reach, options.tolerance, options.length.is_some());
         loaded.scene.set_parameters(&mut self.commands, &parameters)?;
         let mut results = Vec::with_capacity(rays.len());
         for chunk in rays.chunks(self.slots as usize) {

@@ -79,7 +79,7 @@ fn model_bytes<T: Real>(world: &World) -> Vec<u8> {
     let stride = world.model.source_stride();
     let count = block.sources.len().checked_div(stride).unwrap_or(0);
     // The shader reads globals and sources from one array: a model has one or the other.
-    let values: Vec<T> = block.origin.iter().chain(&block.global).chain(&block.sources).copied().collect();
+    let values: Vec<T> = block.origin.iter().chain([&block.step]).chain(&block.global).chain(&block.sources).copied().collect();
     let mut bytes = Vec::new();
     bytes.extend_from_slice(&(count as u32).to_le_bytes());
     bytes.extend_from_slice(&(stride as u32).to_le_bytes());

@@ -1,0 +1,152 @@
+//! Helpers of the tests: reference tables, scenes from text, films of them.
+#![allow(dead_code, reason = "every test file uses a part")]
+
+use nullray::backend::{Backend, Precision, TraceRay};
+use nullray::film::Film;
+use nullray::scene::parse_scene;
+use nullray::world::World;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A row of a reference table by column name.
+pub struct Row(HashMap<String, String>);
+
+impl Row {
+    pub fn text(&self, column: &str) -> &str {
+        self.0.get(column).map(String::as_str).unwrap_or_else(|| panic!("no column {column}"))
+    }
+    pub fn number(&self, column: &str) -> f64 {
+        self.text(column).parse().unwrap_or_else(|e| panic!("{column} = {:?}: {e}", self.text(column)))
+    }
+    pub fn vector(&self, columns: [&str; 3]) -> [f64; 3] {
+        columns.map(|c| self.number(c))
+    }
+}
+
+/// Splits a line of CSV; quoted fields may hold commas.
+fn fields(line: &str) -> Vec<String> {
+    let mut out = vec![String::new()];
+    let mut quoted = false;
+    for c in line.chars() {
+        match c {
+            '"' => quoted = !quoted,
+            ',' if !quoted => out.push(String::new()),
+            c => out.last_mut().unwrap().push(c),
+        }
+    }
+    out
+}
+
+/// Reads tests/reference/<name>.csv.
+pub fn table(name: &str) -> Vec<Row> {
+    let path = root().join("tests/reference").join(format!("{name}.csv"));
+    let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let mut lines = text.lines();
+    let header = fields(lines.next().unwrap());
+    let rows: Vec<Row> = lines.map(|l| Row(header.iter().cloned().zip(fields(l)).collect())).collect();
+    assert!(!rows.is_empty(), "{name} is empty");
+    rows
+}
+
+/// The repository.
+pub fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// A world from scene text.
+pub fn world(text: &str) -> World {
+    let scene = parse_scene(Path::new("test.toml"), text, &[]).unwrap();
+    World::compile(&scene).unwrap()
+}
+
+/// A world from a file of assets/scenes, with overrides.
+pub fn asset_world(name: &str, set: &[&str]) -> World {
+    let set: Vec<String> = set.iter().map(|s| s.to_string()).collect();
+    let scene = nullray::scene::load_scene(Some(&root().join("assets/scenes").join(name)), &set).unwrap();
+    World::compile(&scene).unwrap()
+}
+
+/// Renders samples `0..spp`.
+pub fn film(backend: &mut dyn Backend, world: World, precision: Precision, spp: u32) -> Film {
+    let height = world.scene.film_height;
+    backend.upload(Arc::new(world), precision, 0).unwrap();
+    backend.accumulate(0..height, 0..spp).unwrap();
+    backend.film().unwrap()
+}
+
+pub fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Rays of schw_rays.csv.
+pub fn schwarzschild_rays(rows: &[Row]) -> Vec<TraceRay> {
+    rows.iter().map(|r| TraceRay { origin: r.vector(["x0", "y0", "z0"]), direction: r.vector(["dx", "dy", "dz"]) }).collect()
+}
+
+/// Largest error over max(1, cond) of traced Schwarzschild rays; panics on a wrong outcome. Rows of a larger cond are left out.
+pub fn schwarzschild_error(backend: &mut dyn Backend, precision: Precision, tolerance: f64, max_cond: f64) -> f64 {
+    let rows = table("schw_rays");
+    backend.upload(Arc::new(world("[spacetime]\nkind = \"schwarzschild\"\n[integrator]\nmax_steps = 1000000")), precision, 0).unwrap();
+    let options = nullray::backend::TraceOptions { tolerance, length: None };
+    let results = backend.trace(&schwarzschild_rays(&rows), options).unwrap();
+    let mut worst: f64 = 0.0;
+    for (row, result) in rows.iter().zip(&results) {
+        let captured = row.text("outcome") == "captured";
+        // Captured rays and radial ones have no condition number.
+        let cond = row.text("dsweep_dalpha").parse().unwrap_or(1.0f64).abs();
+        if cond > max_cond {
+            continue;
+        }
+        let expected = if captured { 3 } else { 2 };
+        assert_eq!(result.arrival.status, expected, "r_obs {} alpha {}", row.text("r_obs"), row.text("alpha_in"));
+        if !captured {
+            let error = distance(result.direction, row.vector(["fx", "fy", "fz"])) / cond.max(1.0);
+            worst = worst.max(error);
+        }
+    }
+    worst
+}
+
+/// The scene of one row of a groeller table.
+fn gravity_world(row: &Row, strength: f64, form: &str, step: f64) -> World {
+    let center = row.vector(["xg_x", "xg_y", "xg_z"]);
+    world(&format!(
+        "[spacetime]\nkind = \"gravity\"\nform = \"{form}\"\n[[spacetime.center]]\nposition = {center:?}\nstrength = {strength:?}\nradius = {:?}\n\
+         [integrator]\nmax_steps = 1000000\nstep = {step:?}",
+        row.number("R")
+    ))
+}
+
+fn traced(backend: &mut dyn Backend, world: World, precision: Precision, row: &Row, tolerance: f64, length: f64) -> ([f64; 3], [f64; 3]) {
+    backend.upload(Arc::new(world), precision, 0).unwrap();
+    let ray = TraceRay { origin: row.vector(["x0_x", "x0_y", "x0_z"]), direction: row.vector(["v0_x", "v0_y", "v0_z"]) };
+    let result = backend.trace(&[ray], nullray::backend::TraceOptions { tolerance, length: Some(length) }).unwrap()[0];
+    (result.position, result.velocity)
+}
+
+/// Largest error of the thesis' literal recurrence over every row.
+pub fn groeller_literal_error(backend: &mut dyn Backend, precision: Precision) -> f64 {
+    let mut worst: f64 = 0.0;
+    for row in table("groeller_euler") {
+        let world = gravity_world(&row, row.number("gM"), "literal", row.number("h"));
+        // The recurrence makes n_steps steps of h, wherever they lead.
+        let length = row.number("h") * row.number("n_steps");
+        let (x, v) = traced(backend, world, precision, &row, 1.0, length);
+        worst = worst.max(distance(x, row.vector(["xN_x", "xN_y", "xN_z"])));
+        worst = worst.max(distance(v, row.vector(["vN_x", "vN_y", "vN_z"])));
+    }
+    worst
+}
+
+/// Largest error of the equation of motion over every row.
+pub fn groeller_limit_error(backend: &mut dyn Backend, precision: Precision, tolerance: f64) -> f64 {
+    let mut worst: f64 = 0.0;
+    for row in table("groeller_limit") {
+        let world = gravity_world(&row, row.number("kappa"), "ode", 0.1);
+        let (x, v) = traced(backend, world, precision, &row, tolerance, row.number("s_end"));
+        worst = worst.max(distance(x, row.vector(["xe_x", "xe_y", "xe_z"])));
+        worst = worst.max(distance(v, row.vector(["ve_x", "ve_y", "ve_z"])));
+    }
+    worst
+}
