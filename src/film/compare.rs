@@ -27,10 +27,11 @@ pub struct Thresholds {
 }
 
 impl Thresholds {
-    /// For one sample and at most two bounces: rounding may flip a hit at a silhouette now and then, and moves nothing else.
-    pub const SHALLOW: Thresholds = Thresholds { pixels: 0.01, rays: 0.01, mean: 0.005 };
+    /// For one sample and at most two bounces: rounding may flip a hit at a silhouette or beside a photon ring now and then, and
+    /// moves nothing else.
+    pub const SHALLOW: Thresholds = Thresholds { pixels: 0.01, rays: 0.02, mean: 0.01 };
     /// For whole paths: flipped hits add up over bounces.
-    pub const DEEP: Thresholds = Thresholds { pixels: 0.05, rays: 0.01, mean: 0.01 };
+    pub const DEEP: Thresholds = Thresholds { pixels: 0.05, rays: 0.02, mean: 0.01 };
 
     /// Whether a difference stays below every threshold.
     pub fn hold(&self, d: &Difference) -> bool {

@@ -1,4 +1,5 @@
 //! Every constant both backends share. `build.rs` writes the same names into `constants.glsl`.
+#![allow(missing_docs, reason = "one comment may stand for a group of constants")]
 
 macro_rules! constants {
     (uint { $($(#[$um:meta])* $un:ident = $uv:expr;)* } float { $($(#[$fm:meta])* $fname:ident = $fv:expr;)* } real { $($(#[$rm:meta])* $rn:ident = $rv:expr;)* }) => {

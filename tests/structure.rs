@@ -1,0 +1,167 @@
+//! What no single file can promise: twins have the same functions, structures the same layout, modules their place.
+
+mod support;
+
+use nullray::backend::vulkan::pipeline::kernel_spirv;
+use nullray::kernels::layout::*;
+use std::collections::{BTreeMap, BTreeSet};
+use std::mem::offset_of;
+use support::root;
+
+/// Names of the functions a file defines at its top level.
+fn functions(text: &str, glsl: bool) -> BTreeSet<String> {
+    let mut names = BTreeSet::new();
+    for line in text.lines() {
+        let line = if glsl { line } else { line.trim_start_matches("pub ") };
+        let name = if glsl {
+            let Some((head, _)) = line.split_once('(') else { continue };
+            if line.starts_with([' ', '#', '/', '}']) || !line.ends_with('{') {
+                continue;
+            }
+            head.split_whitespace().last()
+        } else {
+            line.strip_prefix("fn ").and_then(|l| l.split(['(', '<']).next())
+        };
+        names.extend(name.map(str::to_owned));
+    }
+    names
+}
+
+#[test]
+fn twins_have_the_same_functions() {
+    // (stem, functions that one language alone needs)
+    let twins: [(&str, &[&str]); 12] = [
+        ("rng", &[]),
+        ("sampling", &[]),
+        ("camera", &[]),
+        ("texture", &[]),
+        // Built into GLSL.
+        ("triangle", &["dot", "cross"]),
+        ("primitive", &[]),
+        // Slab tests run on registers here and inline there.
+        ("bvh", &["intersect_node"]),
+        ("clearance", &[]),
+        // `to_vec3` is a constructor in GLSL.
+        ("integrator", &["to_vec3"]),
+        ("light", &[]),
+        // The table is computed by the host.
+        ("material", &["integrate_ggx_albedo"]),
+        // Accessors of vertices differ; AOVs are stored by state.glsl.
+        ("path", &["hit_aov", "miss_aov"]),
+    ];
+    for (stem, own) in twins {
+        let read = |path: String| std::fs::read_to_string(root().join(&path)).unwrap_or_else(|e| panic!("{path}: {e}"));
+        let rust = functions(&read(format!("src/kernels/{stem}.rs")), false);
+        let glsl = functions(&read(format!("shaders/{stem}.glsl")), true);
+        assert!(!glsl.is_empty(), "{stem}: no functions found");
+        let own: BTreeSet<String> = own.iter().map(|s| s.to_string()).collect();
+        let different: Vec<_> = rust.symmetric_difference(&glsl).filter(|f| !own.contains(*f)).collect();
+        assert!(different.is_empty(), "{stem}: only one of the twins has {different:?}");
+    }
+}
+
+#[test]
+fn modules_keep_their_place() {
+    // (folder, words its files must not contain)
+    let rules: [(&str, &[&str]); 6] = [
+        ("src/kernels", &["ash::", "std::fs", "std::thread", "rayon"]),
+        ("src/spacetime", &["crate::backend", "crate::world", "crate::scene", "ash::"]),
+        ("src/scene", &["ash::", "crate::backend", "crate::world"]),
+        ("src/world", &["ash::", "crate::backend"]),
+        ("src/backend/cpu", &["ash::"]),
+        ("src/film", &["crate::backend", "crate::world", "ash::"]),
+    ];
+    for (folder, words) in rules {
+        let mut todo = vec![root().join(folder)];
+        while let Some(path) = todo.pop() {
+            if path.is_dir() {
+                todo.extend(std::fs::read_dir(&path).unwrap().map(|e| e.unwrap().path()));
+                continue;
+            }
+            let text = std::fs::read_to_string(&path).unwrap();
+            for word in words {
+                assert!(!text.contains(word), "{} contains {word}", path.display());
+            }
+        }
+    }
+}
+
+/// Structures of a SPIR-V module: name to (member name, byte offset) in order, and strides of arrays of them.
+struct Reflection {
+    members: BTreeMap<String, Vec<(String, u32)>>,
+    strides: BTreeMap<String, u32>,
+}
+
+fn reflect(kernel: &str) -> Reflection {
+    let bytes = kernel_spirv(kernel).unwrap_or_else(|| panic!("no kernel {kernel}"));
+    let words: Vec<u32> = bytes.chunks_exact(4).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect();
+    let text = |words: &[u32]| {
+        let bytes: Vec<u8> = words.iter().flat_map(|w| w.to_le_bytes()).take_while(|&b| b != 0).collect();
+        String::from_utf8(bytes).unwrap()
+    };
+    let mut names = BTreeMap::new();
+    let mut member_names = BTreeMap::new();
+    let mut offsets = BTreeMap::new();
+    let mut array_strides = BTreeMap::new();
+    let mut elements = BTreeMap::new();
+    let mut at = 5;
+    while at < words.len() {
+        let (length, opcode) = ((words[at] >> 16) as usize, words[at] & 0xffff);
+        let w = &words[at + 1..at + length];
+        match opcode {
+            5 => drop(names.insert(w[0], text(&w[1..]))),
+            6 => drop(member_names.insert((w[0], w[1]), text(&w[2..]))),
+            // OpDecorate ArrayStride, OpMemberDecorate Offset
+            71 if w[1] == 6 => drop(array_strides.insert(w[0], w[2])),
+            72 if w[2] == 35 => drop(offsets.insert((w[0], w[1]), w[3])),
+            // OpTypeArray, OpTypeRuntimeArray
+            28 | 29 => drop(elements.insert(w[0], w[1])),
+            _ => {}
+        }
+        at += length;
+    }
+    let mut reflection = Reflection { members: BTreeMap::new(), strides: BTreeMap::new() };
+    for ((id, member), offset) in &offsets {
+        let list = reflection.members.entry(names[id].clone()).or_default();
+        list.push((member_names[&(*id, *member)].clone(), *offset));
+    }
+    for (array, element) in &elements {
+        if let (Some(name), Some(stride)) = (names.get(element), array_strides.get(array)) {
+            reflection.strides.insert(name.clone(), *stride);
+        }
+    }
+    reflection
+}
+
+macro_rules! check_layout {
+    ($kernel:literal, $name:literal, $type:ident { $($field:ident),+ }) => {
+        let reflection = reflect($kernel);
+        let expected: Vec<(String, u32)> = vec![$((stringify!($field).to_string(), offset_of!($type, $field) as u32)),+];
+        assert_eq!(reflection.members.get($name), Some(&expected), "{}", $name);
+        if let Some(stride) = reflection.strides.get($name) {
+            assert_eq!(*stride as usize, size_of::<$type>(), "stride of {}", $name);
+        }
+    };
+}
+
+#[test]
+fn structures_have_the_layout_of_the_shaders() {
+    check_layout!("advance_flat_f32", "BvhNode", BvhNode { bounds, child });
+    check_layout!("advance_flat_f32", "TriangleBlock", TriangleBlock { vertex, edge1, edge2, triangle });
+    check_layout!("advance_flat_f32", "Primitive", Primitive { data, kind, object });
+    check_layout!("shade", "Triangle", Triangle { vertices, object });
+    check_layout!("shade", "Vertex", Vertex { normal, uv });
+    check_layout!("shade", "Texture", Texture { first_index, width, height });
+    check_layout!("shade", "Light", Light { position, kind, edge_u, size, edge_v, cumulative });
+    check_layout!("shade", "Aov", Aov { albedo, redshift, normal, distance, position, constraint_error, object, status, steps, chords });
+    check_layout!("shade", "Material", Material {
+        base_color, kind, emission, roughness, absorption, ior, base_texture, roughness_texture, emission_texture, flags
+    });
+    check_layout!("shade", "SceneParameters", SceneParameters {
+        camera_position, tan_half_fov, camera_right, aspect, camera_up, aperture_radius, camera_forward, focus_distance, environment_color,
+        environment_kind, environment_horizon, environment_scale, environment_nadir, environment_angle, region_center, region_radius,
+        grid_min, grid_inverse_cell, grid_size, region_strength, camera_kind, filter_kind, film_width, film_height, pixel_spread, cone_width,
+        origin_offset, tolerance, chord_tolerance, max_steps, method, literal_kick, max_depth, light_count, environment_texture,
+        environment_columns, environment_rows, light_share
+    });
+}
