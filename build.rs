@@ -124,7 +124,8 @@ fn compile_shader(kernel: &str, dialect: Dialect, model: &str, generated: &HashM
     let source = ShaderSource::from(text);
     let mut includes = Includes { generated, dialect, model };
     let describe = |e: glslang::error::GlslangError| format!("{} ({model}): {e}", path.display());
-    let input = ShaderInput::new(&source, ShaderStage::Compute, &options, Some(defines.as_slice()), Some(&mut includes)).map_err(describe)?;
+    let input =
+        ShaderInput::new(&source, ShaderStage::Compute, &options, Some(defines.as_slice()), Some(&mut includes)).map_err(describe)?;
     let shader = compiler.create_shader(input).map_err(describe)?;
     Ok(shader.compile().map_err(describe)?)
 }

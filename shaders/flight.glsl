@@ -137,7 +137,7 @@ void advance(uint slot) {
                 nystrom_step(ray.energy, moved, ray.h, error);
             }
             ++ray.steps;
-            if (tolerance < error) {
+            if (!(error < tolerance)) {
                 ray.h *= step_factor(error, tolerance);
                 if (ray.steps >= SCENE.max_steps) {
                     end_flight(slot, ray, normalize(ray.p), hit, curve, STATUS_EXHAUSTED, true);

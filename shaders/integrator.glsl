@@ -34,7 +34,8 @@ void nystrom_step(real energy, inout Flight flight, real h, out real error) {
 
 real step_factor(real error, real tolerance) {
     real ratio = tolerance / max(error, tolerance * real(1e-4));
-    return clamp(sqrt(sqrt(ratio)) * STEP_SAFETY, STEP_SHRINK, STEP_GROW);
+    real factor = clamp(sqrt(sqrt(ratio)) * STEP_SAFETY, STEP_SHRINK, STEP_GROW);
+    return error < tolerance * real(1e30) ? factor : STEP_SHRINK;
 }
 
 real first_step(real index, real3 a, real safe_length) {

@@ -58,7 +58,7 @@ vec3 sample_visible_normal(vec3 wo, float alpha, vec2 u) {
 
 float ggx_albedo(float cos_o, float roughness) {
     float last = float(ALBEDO_SIZE - 1);
-    float x = clamp(cos_o, 0.0, 1.0) * last;
+    float x = sqrt(clamp(cos_o, 0.0, 1.0)) * last;
     float y = clamp(roughness, 0.0, 1.0) * last;
     float x0 = min(floor(x), last - 1.0);
     float y0 = min(floor(y), last - 1.0);

@@ -95,7 +95,12 @@ impl Error {
     /// Process exit code: 2 for bad input, 130 after Ctrl-C, 1 otherwise.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Error::Scene { .. } | Error::Override { .. } | Error::Asset { .. } | Error::World(_) | Error::Usage { .. } | Error::Io { .. } => 2,
+            Error::Scene { .. }
+            | Error::Override { .. }
+            | Error::Asset { .. }
+            | Error::World(_)
+            | Error::Usage { .. }
+            | Error::Io { .. } => 2,
             Error::Interrupted => 130,
             _ => 1,
         }

@@ -67,7 +67,21 @@ fn renders_png_and_exr_with_metadata() {
     let film = exr::prelude::read_all_flat_layers_from_file(&exr).unwrap();
     let layer = &film.layer_data[0];
     let names: Vec<String> = layer.channel_data.list.iter().map(|c| c.name.to_string()).collect();
-    for name in ["R", "G", "B", "albedo.R", "normal.X", "position.Z", "redshift", "steps", "chords", "status", "object", "samples", "constraint_error"] {
+    for name in [
+        "R",
+        "G",
+        "B",
+        "albedo.R",
+        "normal.X",
+        "position.Z",
+        "redshift",
+        "steps",
+        "chords",
+        "status",
+        "object",
+        "samples",
+        "constraint_error",
+    ] {
         assert!(names.iter().any(|n| n == name), "no channel {name} in {names:?}");
     }
     assert!(layer.attributes.other.keys().any(|k| k.to_string() == "nullray.spacetime"));
@@ -112,11 +126,7 @@ fn refuses_bad_scenes() {
     refuses(&folder, "[camera]\nlook_at = [0, 1.5, -10]", &["scene.toml:2:11"]);
     refuses(&folder, "[[mesh]]\nfile = \"nowhere.obj\"", &["scene.toml:2:8", "nowhere.obj"]);
     refuses(&folder, "[environment]\nkind = \"image\"\nfile = \"nowhere.exr\"", &["scene.toml:3:8", "nowhere.exr"]);
-    refuses(
-        &folder,
-        "[camera]\nposition = [0, 0, 0.2]\n[spacetime]\nkind = \"schwarzschild\"\nmass = 1",
-        &["horizon"],
-    );
+    refuses(&folder, "[camera]\nposition = [0, 0, 0.2]\n[spacetime]\nkind = \"schwarzschild\"\nmass = 1", &["horizon"]);
 }
 
 #[test]

@@ -136,7 +136,13 @@ fn check_derivatives<M: nullray::spacetime::Medium + Model>(block: ModelBlock<f6
         for axis in 0..3 {
             let exact = by_dual::<M>(&block, stride, x, axis, 1.3);
             assert!((n - exact.0).abs() <= 1e-13 * exact.0.abs(), "{:?} {n} {}", M::KIND, exact.0);
-            assert!((gradient[axis] - exact.1).abs() <= 1e-12 * (1.0 + exact.1.abs()), "{:?} at {x:?}: {} {}", M::KIND, gradient[axis], exact.1);
+            assert!(
+                (gradient[axis] - exact.1).abs() <= 1e-12 * (1.0 + exact.1.abs()),
+                "{:?} at {x:?}: {} {}",
+                M::KIND,
+                gradient[axis],
+                exact.1
+            );
             // And by central differences, which share nothing with either.
             let step = 1e-5;
             let shifted = |s: f64| {
@@ -156,7 +162,13 @@ fn generated_gradients_equal_dual_numbers() {
     check_derivatives::<Schwarzschild>(ModelBlock { origin: [0.1, 0.2, 0.3], global: vec![0.4], ..ModelBlock::default() }, &points);
     let sources = [
         Source { position: [0.5, 0.0, 0.0], direction: [0.0, 1.0, 0.0], extent: (0.0, 0.0), strength: 0.3, radius: 5.0 },
-        Source { position: [-1.0, 0.0, 1.0], direction: [0.6, 0.8, 0.0], extent: (f64::NEG_INFINITY, f64::INFINITY), strength: -0.2, radius: f64::INFINITY },
+        Source {
+            position: [-1.0, 0.0, 1.0],
+            direction: [0.6, 0.8, 0.0],
+            extent: (f64::NEG_INFINITY, f64::INFINITY),
+            strength: -0.2,
+            radius: f64::INFINITY,
+        },
         Source { position: [2.0, 2.0, 1.0], direction: [0.0, 0.0, 1.0], extent: (0.0, 2.0), strength: 0.5, radius: 8.0 },
     ];
     let thesis = sources.iter().flat_map(Source::thesis_parameters).collect();
@@ -196,7 +208,8 @@ fn inverse_square_deflection_matches_quadrature() {
     // Launched from far away with |V| such that n at infinity is 1.
     let far = 1e6f64;
     let ray = nullray::backend::TraceRay { origin: [-far, b, 0.0], direction: [1.0 + k / far, 0.0, 0.0] };
-    let result = nullray::backend::Backend::trace(&mut backend, &[ray], nullray::backend::TraceOptions { tolerance: 1e-11, length: None }).unwrap()[0];
+    let result = nullray::backend::Backend::trace(&mut backend, &[ray], nullray::backend::TraceOptions { tolerance: 1e-11, length: None })
+        .unwrap()[0];
     let angle = -result.direction[1].atan2(result.direction[0]);
     println!("deflection {angle}, expected {expected}");
     assert!((angle - expected).abs() < 2e-6, "{angle} {expected}");

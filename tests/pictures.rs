@@ -40,6 +40,12 @@ fn furnace(material: &str, spp: u32, set: &str) -> f64 {
 
 #[test]
 fn white_furnace_of_every_material() {
+    for (alpha, cos_o) in [(0.09f32, 0.97f32), (0.36, 0.97), (0.36, 0.5)] {
+        let wo = glam::vec3((1.0 - cos_o * cos_o).sqrt(), 0.0, cos_o);
+        let bsdf = Bsdf { color: glam::Vec3::ONE, kind: 1, alpha, eta: 1.0, albedo: 1.0 };
+        let s: f64 = (0..100000u32).map(|k| f64::from(sample_bsdf(&bsdf, wo, random_pair(1, 0, k), 0.0).weight.x)).sum::<f64>() / 1e5;
+        println!("alpha {alpha} cos {cos_o}: sampled {s} table {}", nullray::kernels::material::integrate_ggx_albedo(cos_o, alpha));
+    }
     for albedo in [0.1, 0.5, 0.8, 0.99] {
         let value = furnace(&format!("base_color = [{albedo}, {albedo}, {albedo}]"), 64, "");
         assert!((value / albedo - 1.0).abs() < 0.005, "diffuse {albedo}: {value}");
@@ -55,7 +61,11 @@ fn white_furnace_of_every_material() {
     // A black hole bends the furnace and changes nothing.
     let bent = furnace("base_color = [0.5, 0.5, 0.5]", 64, "[spacetime]\nkind = \"schwarzschild\"\nmass = 0.05\nposition = [0, 0, -1.5]");
     assert!(bent < 0.5, "the hole must swallow something: {bent}");
-    let lensed = furnace("base_color = [0.5, 0.5, 0.5]", 64, "[spacetime]\nkind = \"gravity\"\n[[spacetime.center]]\nposition = [0, 0, -2]\nstrength = 0.2\nradius = 3");
+    let lensed = furnace(
+        "base_color = [0.5, 0.5, 0.5]",
+        64,
+        "[spacetime]\nkind = \"gravity\"\n[[spacetime.center]]\nposition = [0, 0, -2]\nstrength = 0.2\nradius = 3",
+    );
     assert!((lensed / 0.5 - 1.0).abs() < 0.005, "lensed furnace: {lensed}");
 }
 
@@ -175,7 +185,12 @@ fn irradiance_is_exact() {
             // The quad's normal is u x v; it must point the way the table's does.
             let flipped = u.cross(v).dot(glam::DVec3::from(row.vector(["lnx", "lny", "lnz"]))) < 0.0;
             let (u, v) = if flipped { (v, u) } else { (u, v) };
-            format!("[[quad]]\ncorner = {:?}\nu = {:?}\nv = {:?}\nmaterial = \"lamp\"\n", (c - u - v).to_array(), (u * 2.0).to_array(), (v * 2.0).to_array())
+            format!(
+                "[[quad]]\ncorner = {:?}\nu = {:?}\nv = {:?}\nmaterial = \"lamp\"\n",
+                (c - u - v).to_array(),
+                (u * 2.0).to_array(),
+                (v * 2.0).to_array()
+            )
         };
         // A receiver of 2e-5 seen from just above; it reflects albedo / pi of the irradiance.
         let size = 1e-5;
@@ -186,13 +201,22 @@ fn irradiance_is_exact() {
             "[camera]\nposition = {:?}\nlook_at = {:?}\nup = {:?}\nfov_degrees = 0.5\n[film]\nwidth = 16\nheight = 16\nmax_depth = 1\nfilter = \"box\"\n\
              [[material]]\nname = \"receiver\"\nbase_color = [{albedo}, {albedo}, {albedo}]\n[[material]]\nname = \"lamp\"\nkind = \"emissive\"\nemission = [{l}, {l}, {l}]\ntwo_sided = false\n\
              [[quad]]\ncorner = {:?}\nu = {:?}\nv = {:?}\nmaterial = \"receiver\"\n{light}",
-            eye.to_array(), p.to_array(), t.to_array(), corner.to_array(), (t * 2.0 * size).to_array(), (b * 2.0 * size).to_array()
+            eye.to_array(),
+            p.to_array(),
+            t.to_array(),
+            corner.to_array(),
+            (t * 2.0 * size).to_array(),
+            (b * 2.0 * size).to_array()
         );
         for share in [0.5, 0.0] {
             let mut scene = world(&text);
             scene.scene.light_share = share;
             let (value, error) = mean(&film(&mut cpu(), scene, Precision::F32, 64));
             let expected = row.number("radiance_out");
+            // Without light sampling a small light is met by a few samples or none: the error is that of counting them.
+            let factor = row.number("view_factor");
+            let counting = albedo * l * (factor / (16.0 * 16.0 * 64.0)).sqrt();
+            let error = if share == 0.0 { error.max(counting) } else { error };
             let deviation = (value - expected).abs() / error.max(2e-4 * expected);
             worst = worst.max(deviation);
             assert!(deviation < 4.5, "row {} share {share}: {value} +- {error}, expected {expected}", row.text("id"));
@@ -200,15 +224,15 @@ fn irradiance_is_exact() {
         }
     }
     println!("{rows} renderings, largest deviation {worst:.2} standard errors");
-    assert!(rows > 100);
+    assert!(rows > 60, "{rows}");
 }
 
 /// The shadow's angular radius at three distances, from the share of captured pixels along the middle row.
 #[test]
 fn shadow_has_the_exact_size() {
-    for r_obs in ["6", "10", "30"] {
+    for r_obs in [5.0, 10.0, 30.0] {
         let rows = table("schw_shadow");
-        let row = rows.iter().find(|r| r.text("r_obs").trim_end_matches(".0") == r_obs).unwrap();
+        let row = rows.iter().find(|r| r.number("r_obs") == r_obs).unwrap();
         let (rho, alpha) = (row.number("rho_obs"), row.number("alpha_shadow"));
         let width = 401;
         // The field of view holds the shadow with some room.
@@ -324,7 +348,15 @@ fn bvh_equals_brute_force() {
         for block in &world.blocks {
             for lane in 0..8 {
                 let at = |v: &[[f32; 8]; 3]| [v[0][lane], v[1][lane], v[2][lane]];
-                let found = intersect_triangle::<f32>((), origin.to_array(), direction.to_array(), at(&block.vertex), at(&block.edge1), at(&block.edge2), best);
+                let found = intersect_triangle::<f32>(
+                    (),
+                    origin.to_array(),
+                    direction.to_array(),
+                    at(&block.vertex),
+                    at(&block.edge1),
+                    at(&block.edge2),
+                    best,
+                );
                 if found.mask && block.triangle[lane] != NO_INDEX {
                     best = found.t;
                 }

@@ -154,14 +154,53 @@ fn structures_have_the_layout_of_the_shaders() {
     check_layout!("shade", "Texture", Texture { first_index, width, height });
     check_layout!("shade", "Light", Light { position, kind, edge_u, size, edge_v, cumulative });
     check_layout!("shade", "Aov", Aov { albedo, redshift, normal, distance, position, constraint_error, object, status, steps, chords });
-    check_layout!("shade", "Material", Material {
-        base_color, kind, emission, roughness, absorption, ior, base_texture, roughness_texture, emission_texture, flags
-    });
-    check_layout!("shade", "SceneParameters", SceneParameters {
-        camera_position, tan_half_fov, camera_right, aspect, camera_up, aperture_radius, camera_forward, focus_distance, environment_color,
-        environment_kind, environment_horizon, environment_scale, environment_nadir, environment_angle, region_center, region_radius,
-        grid_min, grid_inverse_cell, grid_size, region_strength, camera_kind, filter_kind, film_width, film_height, pixel_spread, cone_width,
-        origin_offset, tolerance, chord_tolerance, max_steps, method, literal_kick, max_depth, light_count, environment_texture,
-        environment_columns, environment_rows, light_share
-    });
+    check_layout!(
+        "shade",
+        "Material",
+        Material { base_color, kind, emission, roughness, absorption, ior, base_texture, roughness_texture, emission_texture, flags }
+    );
+    check_layout!(
+        "shade",
+        "SceneParameters",
+        SceneParameters {
+            camera_position,
+            tan_half_fov,
+            camera_right,
+            aspect,
+            camera_up,
+            aperture_radius,
+            camera_forward,
+            focus_distance,
+            environment_color,
+            environment_kind,
+            environment_horizon,
+            environment_scale,
+            environment_nadir,
+            environment_angle,
+            region_center,
+            region_radius,
+            grid_min,
+            grid_inverse_cell,
+            grid_size,
+            region_strength,
+            camera_kind,
+            filter_kind,
+            film_width,
+            film_height,
+            pixel_spread,
+            cone_width,
+            origin_offset,
+            tolerance,
+            chord_tolerance,
+            max_steps,
+            method,
+            literal_kick,
+            max_depth,
+            light_count,
+            environment_texture,
+            environment_columns,
+            environment_rows,
+            light_share
+        }
+    );
 }

@@ -128,14 +128,19 @@ fn twin(function: usize, i: &[f32; 16]) -> Vec<f32> {
     let v3 = |a: usize| vec3(i[a], i[a + 1], i[a + 2]);
     let flat = |parts: &[&[f32]]| parts.concat();
     let wo = vec3(i[0] - 0.5, i[1] - 0.5, i[2] + 0.05).normalize();
-    let bsdf = Bsdf { color: v3(6), kind: (i[9] * 3.0) as u32, alpha: i[3] + 0.05, eta: if i[10] < 0.5 { 1.5 } else { 1.0 / 1.5 }, albedo: 0.9 };
+    let bsdf =
+        Bsdf { color: v3(6), kind: (i[9] * 3.0) as u32, alpha: i[3] + 0.05, eta: if i[10] < 0.5 { 1.5 } else { 1.0 / 1.5 }, albedo: 0.9 };
     match function {
         0 => {
             let [x, y] = [i[0], i[1]].map(|v| (v * 16_777_216.0) as u32);
             let seed = pixel_seed(x, y);
             flat(&[&random_pair(seed, x & 63, y).to_array(), &[(hash(seed) >> 8) as f32, (pascal(seed) >> 8) as f32]])
         }
-        1 => flat(&[&sin_cos_turns(i[0]).to_array(), &spherical_direction(2.0 * i[1] - 1.0, i[2]).to_array(), &sample_cosine(v2(3)).to_array()]),
+        1 => flat(&[
+            &sin_cos_turns(i[0]).to_array(),
+            &spherical_direction(2.0 * i[1] - 1.0, i[2]).to_array(),
+            &sample_cosine(v2(3)).to_array(),
+        ]),
         2 => {
             let n = (v3(0) - Vec3::splat(0.5)).normalize();
             flat(&[&world_from_frame(n, v3(3)).to_array(), &frame_from_world(n, v3(3)).to_array()])
@@ -264,7 +269,8 @@ fn agree(backend: &mut VulkanBackend, name: &str, world: nullray::world::World, 
 
 fn films_agree_on_every_scene() {
     let mut backend = vulkan();
-    let mut names: Vec<_> = std::fs::read_dir(root().join("assets/scenes")).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    let mut names: Vec<_> =
+        std::fs::read_dir(root().join("assets/scenes")).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
     assert!(names.len() >= 9);
     for name in names.iter().filter(|n| n.ends_with(".toml")) {
@@ -320,7 +326,9 @@ fn power_law_and_lines_agree() {
 fn light_kinds_and_textures_agree() {
     let folder = std::env::temp_dir().join(format!("nullray-textures-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
-    let sky = image::Rgb32FImage::from_fn(64, 32, |x, y| image::Rgb([0.2 + (x / 8 % 2) as f32, 0.3 + y as f32 / 40.0, if x == 20 && y == 8 { 80.0 } else { 0.4 }]));
+    let sky = image::Rgb32FImage::from_fn(64, 32, |x, y| {
+        image::Rgb([0.2 + (x / 8 % 2) as f32, 0.3 + y as f32 / 40.0, if x == 20 && y == 8 { 80.0 } else { 0.4 }])
+    });
     sky.save(folder.join("sky.exr")).unwrap();
     let colors = image::RgbImage::from_fn(16, 16, |x, y| image::Rgb([(x * 16) as u8, (y * 16) as u8, 128]));
     colors.save(folder.join("colors.png")).unwrap();
@@ -339,4 +347,3 @@ fn light_kinds_and_textures_agree() {
     agree(&mut vulkan(), "textures", world, Precision::F32, 4, Thresholds::DEEP);
     std::fs::remove_dir_all(&folder).unwrap();
 }
-

@@ -70,16 +70,16 @@ fn scene_path(given: Option<&PathBuf>) -> Result<PathBuf> {
     std::iter::once(relative.clone())
         .chain(program.ancestors().skip(1).map(|folder| folder.join(&relative)))
         .find(|p| p.is_file())
-        .ok_or_else(|| Error::Usage { argument: "bench".into(), reason: "assets/scenes/benchmark.toml is not here, expected --scene FILE".into() })
+        .ok_or_else(|| Error::Usage {
+            argument: "bench".into(),
+            reason: "assets/scenes/benchmark.toml is not here, expected --scene FILE".into(),
+        })
 }
 
 /// Overrides that turn the linear scene into a non-linear form.
 fn form_overrides(form: &str) -> Result<Vec<String>> {
     let lines: &[&str] = match form {
-        "A" => &[
-            "spacetime.kind=gravity",
-            "spacetime.center=[{ position = [0.9, 2.0, 1.2], strength = 0.3, radius = 5 }]",
-        ],
+        "A" => &["spacetime.kind=gravity", "spacetime.center=[{ position = [0.9, 2.0, 1.2], strength = 0.3, radius = 5 }]"],
         "B" => &["spacetime.kind=schwarzschild", "spacetime.mass=0.1", "spacetime.position=[0.9, 2.0, 1.2]"],
         _ => return Err(Error::Usage { argument: format!("--form {form}"), reason: "expected A or B".into() }),
     };
@@ -168,7 +168,11 @@ fn print_results(args: &BenchArgs, backend: &str, rows: &[Row]) -> Result<()> {
 /// The processor's name and core count.
 fn machine() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model = info.lines().find_map(|l| l.strip_prefix("model name")).and_then(|l| l.split_once(':')).map_or("unknown processor", |(_, m)| m.trim());
+    let model = info
+        .lines()
+        .find_map(|l| l.strip_prefix("model name"))
+        .and_then(|l| l.split_once(':'))
+        .map_or("unknown processor", |(_, m)| m.trim());
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
     format!("{model}, {cores} cores")
 }

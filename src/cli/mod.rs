@@ -131,7 +131,10 @@ impl SceneArgs {
             let (w, h) = size
                 .split_once(['x', 'X'])
                 .filter(|(w, h)| [w, h].iter().all(|v| v.parse::<u32>().is_ok_and(|n| (1..=32768).contains(&n))))
-                .ok_or_else(|| Error::Usage { argument: format!("--size {size}"), reason: "expected WIDTHxHEIGHT, each from 1 to 32768".into() })?;
+                .ok_or_else(|| Error::Usage {
+                    argument: format!("--size {size}"),
+                    reason: "expected WIDTHxHEIGHT, each from 1 to 32768".into(),
+                })?;
             set.push(format!("film.width={w}"));
             set.push(format!("film.height={h}"));
         }
@@ -144,7 +147,10 @@ impl SceneArgs {
         }
         let world = World::compile(&scene)?;
         if world.dark {
-            eprintln!("nullray: warning: {}: nothing emits light and the environment is black, the picture will be too", scene.path.display());
+            eprintln!(
+                "nullray: warning: {}: nothing emits light and the environment is black, the picture will be too",
+                scene.path.display()
+            );
         }
         Ok((scene, world))
     }

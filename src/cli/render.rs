@@ -55,7 +55,10 @@ fn check_outputs(outputs: &[PathBuf]) -> Result<()> {
     for path in outputs {
         let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         if !matches!(extension.as_deref(), Some("png" | "exr")) {
-            return Err(Error::Usage { argument: format!("-o {}", path.display()), reason: "expected a file name ending in .png or .exr".into() });
+            return Err(Error::Usage {
+                argument: format!("-o {}", path.display()),
+                reason: "expected a file name ending in .png or .exr".into(),
+            });
         }
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(std::path::Path::new("."));
         let probe = folder.join(format!(".nullray.{}.probe", std::process::id()));
@@ -109,7 +112,12 @@ pub fn run(args: &RenderArgs) -> Result<()> {
 fn report(args: &RenderArgs, film: &Film, seconds: f64, ending: Ending) -> Result<()> {
     let s = film.statistics;
     if s.exhausted > 0 {
-        eprintln!("nullray: {} of {} rays ran out of steps ({:.4}%); raise integrator.max_steps", s.exhausted, s.rays, 100.0 * s.exhausted as f64 / s.rays as f64);
+        eprintln!(
+            "nullray: {} of {} rays ran out of steps ({:.4}%); raise integrator.max_steps",
+            s.exhausted,
+            s.rays,
+            100.0 * s.exhausted as f64 / s.rays as f64
+        );
     }
     if s.invalid > 0 {
         eprintln!("nullray: warning: {} samples were not a number and count as black", s.invalid);

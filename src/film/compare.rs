@@ -60,10 +60,5 @@ pub fn compare(a: &Film, b: &Film) -> Difference {
     }
     differences.sort_by(f64::total_cmp);
     let share = |n: usize| n as f64 / count as f64;
-    Difference {
-        pixels: share(pixels),
-        rays: share(rays),
-        mean: (mean_a - mean_b).abs() / floor,
-        p99: differences[(count - 1) * 99 / 100],
-    }
+    Difference { pixels: share(pixels), rays: share(rays), mean: (mean_a - mean_b).abs() / floor, p99: differences[(count - 1) * 99 / 100] }
 }

@@ -8,12 +8,8 @@ use std::path::Path as FilePath;
 /// Writes the film. `metadata` becomes string attributes named `nullray.<key>`.
 pub fn write_exr(path: &FilePath, film: &Film, metadata: &[(String, String)]) -> Result<()> {
     let pixels = film.sums.len();
-    let floats = |name: &str, value: &dyn Fn(usize) -> f32| {
-        AnyChannel::new(name, FlatSamples::F32((0..pixels).map(value).collect()))
-    };
-    let uints = |name: &str, value: &dyn Fn(usize) -> u32| {
-        AnyChannel::new(name, FlatSamples::U32((0..pixels).map(value).collect()))
-    };
+    let floats = |name: &str, value: &dyn Fn(usize) -> f32| AnyChannel::new(name, FlatSamples::F32((0..pixels).map(value).collect()));
+    let uints = |name: &str, value: &dyn Fn(usize) -> u32| AnyChannel::new(name, FlatSamples::U32((0..pixels).map(value).collect()));
     let a = &film.aovs;
     let mut channels = smallvec::SmallVec::new();
     for (c, name) in ["R", "G", "B"].into_iter().enumerate() {
@@ -36,7 +32,8 @@ pub fn write_exr(path: &FilePath, film: &Film, metadata: &[(String, String)]) ->
     let size = (film.width as usize, film.height as usize);
     let mut layer = Layer::new(size, LayerAttributes::named("nullray"), Encoding::SMALL_LOSSLESS, AnyChannels::sort(channels));
     for (key, value) in metadata {
-        let text = Text::new_or_none(value).ok_or_else(|| Error::Asset { path: path.into(), reason: format!("metadata `{key}` is not Latin text") })?;
+        let text = Text::new_or_none(value)
+            .ok_or_else(|| Error::Asset { path: path.into(), reason: format!("metadata `{key}` is not Latin text") })?;
         layer.attributes.other.insert(Text::from(format!("nullray.{key}").as_str()), AttributeValue::Text(text));
     }
     let image = Image::from_layer(layer);

@@ -131,7 +131,10 @@ impl Film {
     /// Adds a film of other samples of the same picture.
     pub fn merge(&mut self, other: &Film) -> Result<()> {
         if (self.width, self.height) != (other.width, other.height) {
-            return Err(Error::World(format!("films of {}x{} and {}x{} pixels do not merge", self.width, self.height, other.width, other.height)));
+            return Err(Error::World(format!(
+                "films of {}x{} and {}x{} pixels do not merge",
+                self.width, self.height, other.width, other.height
+            )));
         }
         for (a, b) in self.sums.iter_mut().zip(&other.sums) {
             for (x, y) in a.iter_mut().zip(b) {
@@ -152,9 +155,11 @@ impl Film {
 
 /// Writes through a temporary file beside `path` and renames it, so that a failed write leaves nothing behind.
 fn write_atomically(path: &std::path::Path, write: impl FnOnce(&std::path::Path) -> Result<()>) -> Result<()> {
-    let name = path.file_name().ok_or_else(|| Error::Usage { argument: path.display().to_string(), reason: "expected a file name".into() })?;
+    let name =
+        path.file_name().ok_or_else(|| Error::Usage { argument: path.display().to_string(), reason: "expected a file name".into() })?;
     let temporary = path.with_file_name(format!(".{}.{}.part", name.to_string_lossy(), std::process::id()));
-    let outcome = write(&temporary).and_then(|()| std::fs::rename(&temporary, path).map_err(|source| Error::Io { path: path.into(), source }));
+    let outcome =
+        write(&temporary).and_then(|()| std::fs::rename(&temporary, path).map_err(|source| Error::Io { path: path.into(), source }));
     if outcome.is_err() {
         let _ = std::fs::remove_file(&temporary);
     }

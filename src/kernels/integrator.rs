@@ -80,14 +80,38 @@ pub fn nystrom_step<M: Model, L: Lane>(
     let k0 = flight.a;
     let x1 = along(along(flight.x, flight.p, h * L::constant(token, RKN_C1)), k0, h2 * L::constant(token, RKN_A10));
     let k1 = force::<M, L>(token, model, x1, energy);
-    let x2 = along(along(along(flight.x, flight.p, h * L::constant(token, RKN_C2)), k0, h2 * L::constant(token, RKN_A20)), k1, h2 * L::constant(token, RKN_A21));
+    let x2 = along(
+        along(along(flight.x, flight.p, h * L::constant(token, RKN_C2)), k0, h2 * L::constant(token, RKN_A20)),
+        k1,
+        h2 * L::constant(token, RKN_A21),
+    );
     let k2 = force::<M, L>(token, model, x2, energy);
-    let x = along(along(along(along(flight.x, flight.p, h), k0, h2 * L::constant(token, RKN_B0)), k1, h2 * L::constant(token, RKN_B1)), k2, h2 * L::constant(token, RKN_B2));
+    let x = along(
+        along(along(along(flight.x, flight.p, h), k0, h2 * L::constant(token, RKN_B0)), k1, h2 * L::constant(token, RKN_B1)),
+        k2,
+        h2 * L::constant(token, RKN_B2),
+    );
     let k3 = force::<M, L>(token, model, x, energy);
-    let p = along(along(along(along(flight.p, k0, h * L::constant(token, RKN_V0)), k1, h * L::constant(token, RKN_V1)), k2, h * L::constant(token, RKN_V2)), k3, h * L::constant(token, RKN_V3));
+    let p = along(
+        along(
+            along(along(flight.p, k0, h * L::constant(token, RKN_V0)), k1, h * L::constant(token, RKN_V1)),
+            k2,
+            h * L::constant(token, RKN_V2),
+        ),
+        k3,
+        h * L::constant(token, RKN_V3),
+    );
     let zero = [L::constant(token, 0.0); 3];
-    let ex = along(along(along(along(zero, k0, L::constant(token, RKN_E0)), k1, L::constant(token, RKN_E1)), k2, L::constant(token, RKN_E2)), k3, L::constant(token, RKN_E3));
-    let ep = along(along(along(along(zero, k0, L::constant(token, RKN_F0)), k1, L::constant(token, RKN_F1)), k2, L::constant(token, RKN_F2)), k3, L::constant(token, RKN_F3));
+    let ex = along(
+        along(along(along(zero, k0, L::constant(token, RKN_E0)), k1, L::constant(token, RKN_E1)), k2, L::constant(token, RKN_E2)),
+        k3,
+        L::constant(token, RKN_E3),
+    );
+    let ep = along(
+        along(along(along(zero, k0, L::constant(token, RKN_F0)), k1, L::constant(token, RKN_F1)), k2, L::constant(token, RKN_F2)),
+        k3,
+        L::constant(token, RKN_F3),
+    );
     let error = (dot(ex, ex) + dot(ep, ep)).sqrt() * h2;
     (Flight { x, p, a: k3 }, error)
 }
@@ -97,7 +121,9 @@ pub fn nystrom_step<M: Model, L: Lane>(
 pub fn step_factor<L: Lane>(token: L::Token, error: L, tolerance: L) -> L {
     let ratio = tolerance / error.max(tolerance * L::constant(token, 1e-4));
     let factor = ratio.sqrt().sqrt() * L::constant(token, STEP_SAFETY);
-    factor.max(L::constant(token, STEP_SHRINK)).min(L::constant(token, STEP_GROW))
+    let factor = factor.max(L::constant(token, STEP_SHRINK)).min(L::constant(token, STEP_GROW));
+    // A step into a singularity has no error estimate.
+    L::select(error.lt(tolerance * L::constant(token, 1e30)), factor, L::constant(token, STEP_SHRINK))
 }
 
 /// First step length: the safe step, or a share of the local radius of curvature n / |grad n| = n^2 / |force|.

@@ -88,11 +88,11 @@ pub fn sample_visible_normal(wo: Vec3, alpha: f32, u: Vec2) -> Vec3 {
     vec3(m.x * alpha, m.y * alpha, m.z.max(1e-7)).normalize()
 }
 
-/// Directional albedo of GGX with reflectance 1, from the table.
+/// Directional albedo of GGX with reflectance 1, from the table: columns by the root of the cosine, rows by roughness.
 #[inline(always)]
 pub fn ggx_albedo(view: &SceneView, cos_o: f32, roughness: f32) -> f32 {
     let last = (ALBEDO_SIZE - 1) as f32;
-    let x = cos_o.clamp(0.0, 1.0) * last;
+    let x = cos_o.clamp(0.0, 1.0).sqrt() * last;
     let y = roughness.clamp(0.0, 1.0) * last;
     let x0 = x.floor().min(last - 1.0);
     let y0 = y.floor().min(last - 1.0);
@@ -216,20 +216,23 @@ pub fn sample_bsdf(bsdf: &Bsdf, wo: Vec3, u: Vec2, lobe: f32) -> BsdfSample {
     BsdfSample { wi, weight, delta }
 }
 
-/// Directional albedo of single-scattering GGX with reflectance 1, by 32 x 32 stratified visible normals.
+/// Directional albedo of single-scattering GGX with reflectance 1, by quadrature over visible normals.
+///
+/// The light that is lost sits in the far tail of the normals (u.x near 1), so the rule u.x = 1 - t^3 is dense there.
 pub fn integrate_ggx_albedo(cos_o: f32, alpha: f32) -> f32 {
     let cos_o = cos_o.max(1e-3);
     let wo = vec3((1.0 - cos_o * cos_o).max(0.0).sqrt(), 0.0, cos_o);
-    let n = 32;
+    let (radii, turns) = (64, 16);
     let mut sum = 0.0;
-    for i in 0..n * n {
-        let u = vec2((i % n) as f32 + 0.5, (i / n) as f32 + 0.5) / n as f32;
+    for i in 0..radii * turns {
+        let t = ((i / turns) as f32 + 0.5) / radii as f32;
+        let u = vec2(1.0 - t * t * t, ((i % turns) as f32 + 0.5) / turns as f32);
         let m = sample_visible_normal(wo, alpha, u);
         let wi = m * (2.0 * wo.dot(m)) - wo;
         if wi.z > 0.0 {
             let lambda_o = ggx_lambda(wo, alpha);
-            sum += (1.0 + lambda_o) / (1.0 + lambda_o + ggx_lambda(wi, alpha));
+            sum += 3.0 * t * t * (1.0 + lambda_o) / (1.0 + lambda_o + ggx_lambda(wi, alpha));
         }
     }
-    sum / (n * n) as f32
+    sum / (radii * turns) as f32
 }

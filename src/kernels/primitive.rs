@@ -81,7 +81,13 @@ pub fn intersect_primitive(primitive: &Primitive, origin: Vec3, direction: Vec3,
 pub fn box_face(local: Vec3) -> usize {
     let offset = local - Vec3::splat(0.5);
     let size = offset.abs();
-    let axis = if size.x > size.y && size.x > size.z { 0 } else if size.y > size.z { 1 } else { 2 };
+    let axis = if size.x > size.y && size.x > size.z {
+        0
+    } else if size.y > size.z {
+        1
+    } else {
+        2
+    };
     2 * axis + (offset[axis] > 0.0) as usize
 }
 
@@ -104,11 +110,7 @@ pub fn primitive_normal(primitive: &Primitive, position: Vec3) -> Vec3 {
 /// A point of the world in the box's unit cube.
 #[inline(always)]
 pub fn box_local(primitive: &Primitive, position: Vec3) -> Vec3 {
-    vec3(
-        affine_row(primitive, 0, position, 1.0),
-        affine_row(primitive, 1, position, 1.0),
-        affine_row(primitive, 2, position, 1.0),
-    )
+    vec3(affine_row(primitive, 0, position, 1.0), affine_row(primitive, 1, position, 1.0), affine_row(primitive, 2, position, 1.0))
 }
 
 /// Texture coordinates at a point of the surface; `uv` are those of the intersection.

@@ -24,11 +24,7 @@ pub fn dot<L: Lane>(a: [L; 3], b: [L; 3]) -> L {
 /// Vector product.
 #[inline(always)]
 pub fn cross<L: Lane>(a: [L; 3], b: [L; 3]) -> [L; 3] {
-    [
-        a[1].mul_add(b[2], -(a[2] * b[1])),
-        a[2].mul_add(b[0], -(a[0] * b[2])),
-        a[0].mul_add(b[1], -(a[1] * b[0])),
-    ]
+    [a[1].mul_add(b[2], -(a[2] * b[1])), a[2].mul_add(b[0], -(a[0] * b[2])), a[0].mul_add(b[1], -(a[1] * b[0]))]
 }
 
 /// Meets the triangle (vertex, vertex + edge1, vertex + edge2) for ray parameters in (0, t_max).

@@ -59,7 +59,9 @@ fn apply_overrides(text: &str, overrides: &[String]) -> Result<SceneFile> {
         let parsed: std::result::Result<toml::Table, _> = format!("v = {value}").parse();
         let value = match parsed {
             Ok(mut table) => table.remove("v"),
-            Err(_) if value.trim().chars().all(|c| c.is_alphanumeric() || "-_./".contains(c)) => Some(toml::Value::String(value.trim().to_owned())),
+            Err(_) if value.trim().chars().all(|c| c.is_alphanumeric() || "-_./".contains(c)) => {
+                Some(toml::Value::String(value.trim().to_owned()))
+            }
             Err(e) => return Err(fail(assignment, one_line(e.message()))),
         };
         let value = value.ok_or_else(|| fail(assignment, "expected a value".into()))?;
@@ -140,13 +142,15 @@ impl Loader<'_> {
     fn camera(&self, table: &CameraTable) -> Result<Camera> {
         let position = DVec3::from(numbers(*table.position.get_ref()));
         let target = DVec3::from(numbers(*table.look_at.get_ref())) - position;
-        let forward = target.try_normalize().ok_or_else(|| {
-            self.error(table.look_at.span(), "`look_at` is the camera's position, expected another point")
-        })?;
+        let forward = target
+            .try_normalize()
+            .ok_or_else(|| self.error(table.look_at.span(), "`look_at` is the camera's position, expected another point"))?;
         let up = DVec3::from(numbers(*table.up.get_ref()));
-        let right = forward.cross(up).try_normalize().filter(|_| forward.cross(up).length() > 1e-9 * up.length()).ok_or_else(|| {
-            self.error(table.up.span(), "`up` is parallel to the viewing direction, expected another vector")
-        })?;
+        let right = forward
+            .cross(up)
+            .try_normalize()
+            .filter(|_| forward.cross(up).length() > 1e-9 * up.length())
+            .ok_or_else(|| self.error(table.up.span(), "`up` is parallel to the viewing direction, expected another vector"))?;
         Ok(Camera {
             kind: table.kind,
             position,
@@ -162,7 +166,9 @@ impl Loader<'_> {
     fn film(&self, table: &FilmTable) -> Result<FilmSettings> {
         let (width, height) = (table.width.0, table.height.get_ref().0);
         if u64::from(width) * u64::from(height) > MAX_PIXELS {
-            return Err(self.error(table.height.span(), format!("a film of {width} x {height} pixels, expected at most {MAX_PIXELS} pixels")));
+            return Err(
+                self.error(table.height.span(), format!("a film of {width} x {height} pixels, expected at most {MAX_PIXELS} pixels"))
+            );
         }
         Ok(FilmSettings {
             width,
@@ -339,8 +345,11 @@ impl Loader<'_> {
             Some(file) => self.image(file, data, &mut scene.images).map(Some),
             None => Ok(None),
         };
-        let mut textures =
-            [texture(&table.base_color_texture, false)?, texture(&table.roughness_texture, true)?, texture(&table.emission_texture, false)?];
+        let mut textures = [
+            texture(&table.base_color_texture, false)?,
+            texture(&table.roughness_texture, true)?,
+            texture(&table.emission_texture, false)?,
+        ];
         if let Some(checker) = &table.checker {
             if table.base_color_texture.is_some() {
                 return Err(self.error(checker.span(), "`checker` and `base_color_texture` exclude each other"));

@@ -114,7 +114,12 @@ fn read_obj(path: &Path, scene: &mut Scene) -> Result<Vec<(Mesh, usize)>> {
             return Err(asset(format!("object `{}` has {} normals for {} vertices", model.name, mesh.normals.len(), mesh.positions.len())));
         }
         if !mesh.uvs.is_empty() && mesh.uvs.len() != mesh.positions.len() {
-            return Err(asset(format!("object `{}` has {} texture coordinates for {} vertices", model.name, mesh.uvs.len(), mesh.positions.len())));
+            return Err(asset(format!(
+                "object `{}` has {} texture coordinates for {} vertices",
+                model.name,
+                mesh.uvs.len(),
+                mesh.positions.len()
+            )));
         }
         parts.push((mesh, material));
     }
@@ -133,11 +138,7 @@ fn mtl_material(m: &tobj::Material, folder: &Path, scene: &mut Scene) -> Result<
         }
         None => Ok(None),
     };
-    let textures = [
-        texture(m.diffuse_texture.as_ref(), false)?,
-        texture(parameter("map_Pr"), true)?,
-        texture(parameter("map_Ke"), false)?,
-    ];
+    let textures = [texture(m.diffuse_texture.as_ref(), false)?, texture(parameter("map_Pr"), true)?, texture(parameter("map_Ke"), false)?];
     let emits = emission.iter().any(|&v| v > 0.0);
     let illumination = m.illumination_model.unwrap_or(2);
     let glass = matches!(illumination, 4 | 6 | 7) || m.dissolve.is_some_and(|d| d < 1.0);
@@ -150,7 +151,13 @@ fn mtl_material(m: &tobj::Material, folder: &Path, scene: &mut Scene) -> Result<
     };
     let from_shininess = m.shininess.map(|s| (2.0 / (s.max(0.0) + 2.0)).sqrt().sqrt());
     let roughness = if glass && number("Pr").is_none() { 0.0 } else { number("Pr").or(from_shininess).unwrap_or(0.5) };
-    let color = if textures[0].is_some() { [1.0; 3] } else if glass { [1.0; 3] } else { m.diffuse.unwrap_or([0.8; 3]) };
+    let color = if textures[0].is_some() {
+        [1.0; 3]
+    } else if glass {
+        [1.0; 3]
+    } else {
+        m.diffuse.unwrap_or([0.8; 3])
+    };
     Ok(Material {
         name: m.name.clone(),
         kind,
@@ -169,9 +176,9 @@ fn read_gltf(path: &Path, scene: &mut Scene) -> Result<Vec<(Mesh, usize)>> {
     let first_image = scene.images.len();
     for (i, image) in images.into_iter().enumerate() {
         // Roughness textures hold data, colours are sRGB.
-        let data = document.materials().any(|m| {
-            m.pbr_metallic_roughness().metallic_roughness_texture().is_some_and(|t| t.texture().source().index() == i)
-        });
+        let data = document
+            .materials()
+            .any(|m| m.pbr_metallic_roughness().metallic_roughness_texture().is_some_and(|t| t.texture().source().index() == i));
         let decoded = gltf_image(image).ok_or_else(|| asset(format!("image {i} has a pixel format that is not supported")))?;
         scene.images.push(Arc::new(Image::from_dynamic(&decoded, data)));
     }

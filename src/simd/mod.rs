@@ -7,9 +7,7 @@ use fearless_simd::{Select as _, Simd, SimdBase, SimdFloat, SimdMask, f32x8, f32
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// A vector of real numbers, or a single one.
-pub trait Lane:
-    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
-{
+pub trait Lane: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self> {
     /// Type of one entry.
     type Real: Real;
     /// One flag per entry.

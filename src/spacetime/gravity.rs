@@ -69,13 +69,7 @@ fn step_past_source<S: Scalar>(distance: S, radius: S, core: S) -> S {
 
 macro_rules! distance_to {
     ($source:expr, $x:expr) => {
-        segment_distance(
-            $x,
-            Vec3($source.px, $source.py, $source.pz),
-            Vec3($source.ux, $source.uy, $source.uz),
-            $source.low,
-            $source.high,
-        )
+        segment_distance($x, Vec3($source.px, $source.py, $source.pz), Vec3($source.ux, $source.uy, $source.uz), $source.low, $source.high)
     };
 }
 

@@ -6,14 +6,7 @@
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// A real number a formula can be written over. Branches are written with [`Scalar::select_less`].
-pub trait Scalar:
-    Copy
-    + Add<Output = Self>
-    + Sub<Output = Self>
-    + Mul<Output = Self>
-    + Div<Output = Self>
-    + Neg<Output = Self>
-{
+pub trait Scalar: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self> {
     /// The number `value`.
     fn constant(value: f64) -> Self;
     /// Square root of a number >= 0.

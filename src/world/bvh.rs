@@ -58,13 +58,9 @@ pub fn hull(points: &[Vec3]) -> (Vec3, Vec3) {
 /// Corners of a box primitive: bit i of the index is the side on axis i.
 pub fn box_corners(primitive: &Primitive) -> [Vec3; 8] {
     let d = primitive.data.map(f64::from);
-    let unit_from_world = DMat4::from_cols_array_2d(&[
-        [d[0], d[1], d[2], d[3]],
-        [d[4], d[5], d[6], d[7]],
-        [d[8], d[9], d[10], d[11]],
-        [0.0, 0.0, 0.0, 1.0],
-    ])
-    .transpose();
+    let unit_from_world =
+        DMat4::from_cols_array_2d(&[[d[0], d[1], d[2], d[3]], [d[4], d[5], d[6], d[7]], [d[8], d[9], d[10], d[11]], [0.0, 0.0, 0.0, 1.0]])
+            .transpose();
     let world_from_unit = unit_from_world.inverse();
     std::array::from_fn(|i| {
         let corner = DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2 & 1) as f64);

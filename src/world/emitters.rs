@@ -75,7 +75,8 @@ pub(super) fn add(world: &mut World, scene: &Scene) {
     }
     if let Environment::Image { image, scale, .. } = &scene.environment {
         let mean = environment_table(world, scene, *image);
-        let extent = world.primitives.iter().map(primitive_bounds).fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+        let extent =
+            world.primitives.iter().map(primitive_bounds).fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
         let radius = if extent.0.x <= extent.1.x { 0.5 * (extent.1 - extent.0).length() } else { 1.0 };
         let power = mean * scale * 4.0 * PI * radius.min(100.0).powi(2);
         if power > 0.0 {

@@ -201,14 +201,16 @@ impl World {
                 }
                 Geometry::Mesh(mesh) => {
                     let first = self.vertices.len();
-                    if first + mesh.positions.len() >= u32::MAX as usize || self.triangles.len() + mesh.indices.len() >= CHILD_INDEX as usize {
+                    if first + mesh.positions.len() >= u32::MAX as usize
+                        || self.triangles.len() + mesh.indices.len() >= CHILD_INDEX as usize
+                    {
                         return Err(Error::World("more triangles than 2^30".into()));
                     }
                     let attribute = |values: &[[f32; 3]], i: usize| values.get(i).copied().unwrap_or([0.0; 3]);
-                    self.vertices.extend((0..mesh.positions.len()).map(|i| Vertex {
-                        normal: attribute(&mesh.normals, i),
-                        uv: mesh.uvs.get(i).copied().unwrap_or([0.0; 2]),
-                    }));
+                    self.vertices.extend(
+                        (0..mesh.positions.len())
+                            .map(|i| Vertex { normal: attribute(&mesh.normals, i), uv: mesh.uvs.get(i).copied().unwrap_or([0.0; 2]) }),
+                    );
                     for t in &mesh.indices {
                         corners.push(t.map(|i| Vec3::from(mesh.positions[i as usize])));
                         self.triangles.push(Triangle { vertices: t.map(|i| i + first as u32), object });
@@ -247,7 +249,8 @@ fn compile_material(m: &crate::scene::Material) -> Material {
         base_texture: index(m.textures[0]),
         roughness_texture: index(m.textures[1]),
         emission_texture: index(m.textures[2]),
-        flags: if m.two_sided { MATERIAL_TWO_SIDED } else { 0 } | if m.textures.iter().any(Option::is_some) { MATERIAL_TEXTURED } else { 0 },
+        flags: if m.two_sided { MATERIAL_TWO_SIDED } else { 0 }
+            | if m.textures.iter().any(Option::is_some) { MATERIAL_TEXTURED } else { 0 },
     }
 }
 
@@ -267,7 +270,9 @@ fn model_parameters(spacetime: &Spacetime) -> ModelBlock<f64> {
             sources: sources.iter().flat_map(|s| exponent.map_or_else(|| s.thesis_parameters(), |e| s.power_parameters(e))).collect(),
             ..ModelBlock::default()
         },
-        Spacetime::Schwarzschild { mass, position } => ModelBlock { origin: (*position).into(), global: vec![*mass], ..ModelBlock::default() },
+        Spacetime::Schwarzschild { mass, position } => {
+            ModelBlock { origin: (*position).into(), global: vec![*mass], ..ModelBlock::default() }
+        }
     }
 }
 
@@ -331,14 +336,15 @@ fn scene_parameters(scene: &Scene) -> SceneParameters {
     p
 }
 
-/// Directional albedo of GGX with reflectance 1: rows of perceptual roughness, columns of the cosine of the viewing angle.
+/// Directional albedo of GGX with reflectance 1: rows of perceptual roughness, columns of the root of the cosine of the
+/// viewing angle, because the albedo is steep at grazing angles.
 fn albedo_table() -> Vec<f32> {
     let last = (ALBEDO_SIZE - 1) as f32;
     (0..ALBEDO_SIZE * ALBEDO_SIZE)
         .into_par_iter()
         .map(|i| {
             let roughness = (i / ALBEDO_SIZE) as f32 / last;
-            integrate_ggx_albedo((i % ALBEDO_SIZE) as f32 / last, (roughness * roughness).max(MIN_ALPHA))
+            integrate_ggx_albedo(((i % ALBEDO_SIZE) as f32 / last).powi(2), (roughness * roughness).max(MIN_ALPHA))
         })
         .collect()
 }

@@ -47,7 +47,11 @@ pub(super) fn of(spacetime: &Spacetime, bounds: (Vec3, Vec3), camera: Vec3) -> R
 pub fn region(spacetime: &Spacetime, low: Vec3, high: Vec3, reach: Reach) -> Region {
     let around = |center: DVec3, strength: f64| {
         let farthest = (low - center.as_vec3()).abs().max((high - center.as_vec3()).abs()).length();
-        Region { center: center.as_vec3(), radius: (1.01 * farthest).max((reach.radii() * strength.abs()) as f32).max(1.0), strength: strength as f32 }
+        Region {
+            center: center.as_vec3(),
+            radius: (1.01 * farthest).max((reach.radii() * strength.abs()) as f32).max(1.0),
+            strength: strength as f32,
+        }
     };
     match spacetime {
         Spacetime::Flat => Region { center: Vec3::ZERO, radius: 0.0, strength: 0.0 },

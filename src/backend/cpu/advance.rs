@@ -247,7 +247,7 @@ pub fn advance_curved<M: Model, L: Lane<Real = T>, S: Simd, T: Scalar>(
         } else {
             nystrom_step::<M, L>(token, course.model, energy, &flight, h)
         };
-        let accepted = L::bits(tolerance.lt(error)) ^ ((1u32 << L::LANES) - 1);
+        let accepted = L::bits(error.lt(tolerance));
 
         // Choose the next step length, inside what the model allows at the place it starts from.
         let speed = dot(moved.p, moved.p).sqrt();
@@ -256,11 +256,8 @@ pub fn advance_curved<M: Model, L: Lane<Real = T>, S: Simd, T: Scalar>(
         let next_h = if euler { h } else { proposed.min(safe) };
         let alive = M::capture_distance::<L>(token, course.model, moved.x);
         let captured = L::bits(alive.lt(L::constant(token, 0.0)));
-        let from_center = [
-            moved.x[0] - L::splat(token, center[0]),
-            moved.x[1] - L::splat(token, center[1]),
-            moved.x[2] - L::splat(token, center[2]),
-        ];
+        let from_center =
+            [moved.x[0] - L::splat(token, center[0]), moved.x[1] - L::splat(token, center[1]), moved.x[2] - L::splat(token, center[2])];
         let outside = L::both(
             L::splat(token, radius * radius).lt(dot(from_center, from_center)),
             L::constant(token, 0.0).lt(dot(from_center, moved.p)),
@@ -445,11 +442,7 @@ fn refill<M: Model, S: Simd, T: Scalar>(
         let (n, gradient) = M::medium::<T>((), course.model, solo.x, energy);
         let a = [gradient[0] * n, gradient[1] * n, gradient[2] * n];
         let safe = M::safe_step::<T>((), course.model, solo.x);
-        let mut h = if scene.method == METHOD_EULER {
-            course.model.step
-        } else {
-            first_step((), n, a, safe)
-        };
+        let mut h = if scene.method == METHOD_EULER { course.model.step } else { first_step((), n, a, safe) };
         if let (Some(limit), false) = (course.length, scene.method == METHOD_EULER) {
             h = Lane::min(h, T::from_f64(limit) / n);
         }

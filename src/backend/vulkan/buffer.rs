@@ -35,7 +35,13 @@ impl Buffer {
         let requirements = unsafe { device.raw.get_buffer_memory_requirements(raw) };
         let allocation = device
             .allocator()
-            .allocate(&AllocationCreateDesc { name, requirements, location, linear: true, allocation_scheme: AllocationScheme::GpuAllocatorManaged })
+            .allocate(&AllocationCreateDesc {
+                name,
+                requirements,
+                location,
+                linear: true,
+                allocation_scheme: AllocationScheme::GpuAllocatorManaged,
+            })
             .map_err(|_| Error::OutOfMemory { what: name.into(), bytes: size })?;
         // SAFETY: the memory fits the requirements and is bound once.
         let bound = unsafe { device.raw.bind_buffer_memory(raw, allocation.memory(), allocation.offset()) };

@@ -36,12 +36,22 @@ impl Commands {
             let pool = d
                 .create_command_pool(&vk::CommandPoolCreateInfo::default().queue_family_index(device.queue_family).flags(flags), None)
                 .map_err(vulkan("vkCreateCommandPool"))?;
-            let info = vk::CommandBufferAllocateInfo::default().command_pool(pool).level(vk::CommandBufferLevel::PRIMARY).command_buffer_count(1);
+            let info =
+                vk::CommandBufferAllocateInfo::default().command_pool(pool).level(vk::CommandBufferLevel::PRIMARY).command_buffer_count(1);
             let buffer = d.allocate_command_buffers(&info).map_err(vulkan("vkAllocateCommandBuffers"))?[0];
             let fence = d.create_fence(&vk::FenceCreateInfo::default(), None).map_err(vulkan("vkCreateFence"))?;
             let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(MAX_QUERIES);
             let queries = d.create_query_pool(&info, None).map_err(vulkan("vkCreateQueryPool"))?;
-            Ok(Commands { device: device.clone(), pool, buffer, fence, queries, timed: vec![], totals: BTreeMap::new(), in_flight: String::new() })
+            Ok(Commands {
+                device: device.clone(),
+                pool,
+                buffer,
+                fence,
+                queries,
+                timed: vec![],
+                totals: BTreeMap::new(),
+                in_flight: String::new(),
+            })
         }
     }
 
@@ -81,7 +91,15 @@ impl Commands {
                 let writes = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
                 let reads = vk::AccessFlags::SHADER_READ | vk::AccessFlags::TRANSFER_READ | vk::AccessFlags::INDIRECT_COMMAND_READ;
                 let barrier = [vk::MemoryBarrier::default().src_access_mask(writes).dst_access_mask(reads | writes)];
-                d.cmd_pipeline_barrier(self.buffer, stages, stages | vk::PipelineStageFlags::DRAW_INDIRECT, Default::default(), &barrier, &[], &[]);
+                d.cmd_pipeline_barrier(
+                    self.buffer,
+                    stages,
+                    stages | vk::PipelineStageFlags::DRAW_INDIRECT,
+                    Default::default(),
+                    &barrier,
+                    &[],
+                    &[],
+                );
             }
         }
     }
@@ -168,8 +186,10 @@ impl Commands {
         }
         let mut ticks = vec![0u64; 2 * self.timed.len()];
         // SAFETY: these queries were written by the submission that has just been waited for.
-        unsafe { self.device.raw.get_query_pool_results(self.queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT) }
-            .map_err(vulkan("vkGetQueryPoolResults"))?;
+        unsafe {
+            self.device.raw.get_query_pool_results(self.queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT)
+        }
+        .map_err(vulkan("vkGetQueryPoolResults"))?;
         for (name, pair) in self.timed.iter().zip(ticks.chunks_exact(2)) {
             let nanos = pair[1].saturating_sub(pair[0]) as f64 * f64::from(self.device.timestamp_period);
             let total = self.totals.entry(name.clone()).or_default();

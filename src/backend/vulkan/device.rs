@@ -130,7 +130,11 @@ fn choose(mut devices: Vec<DeviceReport>, wanted: Option<&str>) -> Result<Device
     let all = devices.len();
     devices.retain(|d| d.missing.is_empty());
     devices.into_iter().min_by_key(DeviceReport::rank).ok_or_else(|| Error::NoDevice {
-        missing: if all == 0 { "no driver is installed".into() } else { "none has Vulkan 1.2 with bufferDeviceAddress (see `nullray devices`)".into() },
+        missing: if all == 0 {
+            "no driver is installed".into()
+        } else {
+            "none has Vulkan 1.2 with bufferDeviceAddress (see `nullray devices`)".into()
+        },
     })
 }
 

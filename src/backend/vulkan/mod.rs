@@ -128,7 +128,18 @@ impl VulkanBackend {
         let readback = Buffer::new(&device, "readback", 32 << 20, MemoryLocation::GpuToCpu)?;
         layout.bind(&[&paths, &counters, &queues]);
         let commands = Commands::new(&device)?;
-        Ok(VulkanBackend { loaded: None, slots: FIRST_SLOTS.min(capacity), capacity, paths, counters, queues, readback, commands, layout, device })
+        Ok(VulkanBackend {
+            loaded: None,
+            slots: FIRST_SLOTS.min(capacity),
+            capacity,
+            paths,
+            counters,
+            queues,
+            readback,
+            commands,
+            layout,
+            device,
+        })
     }
 
     /// Whether the device is an implementation on the processor.
@@ -307,12 +318,8 @@ impl VulkanBackend {
             }
             let order: Vec<u32> = (0..count).collect();
             upload_at(&mut self.commands, &mut staging, &self.queues, 0, bytemuck::cast_slice(&order))?;
-            let mut push = Push {
-                slot_count: count,
-                tracing: 1,
-                length_limit: options.length.map_or(FAR, |l| l as f32),
-                ..self.push(loaded)
-            };
+            let mut push =
+                Push { slot_count: count, tracing: 1, length_limit: options.length.map_or(FAR, |l| l as f32), ..self.push(loaded) };
             let mut started = 0;
             loop {
                 self.commands.begin()?;
@@ -399,9 +406,7 @@ fn landing(words: &[Vec<[u32; 4]>; 8], i: usize, precision: Precision, model: Mo
     let (position, direction, speed) = match (model, precision) {
         (ModelKind::Flat, _) => (three(p), three(t), 1.0),
         (_, Precision::F32) => (three(floats(8)), three(floats(10)), f64::from(floats(10)[3])),
-        (_, Precision::F64) => {
-            ([double(8, 0), double(8, 1), double(9, 0)], [double(10, 0), double(10, 1), double(11, 0)], double(11, 1))
-        }
+        (_, Precision::F64) => ([double(8, 0), double(8, 1), double(9, 0)], [double(10, 0), double(10, 1), double(11, 0)], double(11, 1)),
     };
     TraceResult { arrival, position, direction, velocity: direction.map(|d| d * speed) }
 }
@@ -414,7 +419,9 @@ impl Backend for VulkanBackend {
 
     fn upload(&mut self, world: Arc<World>, precision: Precision, first_sample: u32) -> Result<()> {
         if precision == Precision::F64 && !self.device.report.float64 {
-            return Err(Error::NoDevice { missing: format!("{} has no shaderFloat64, which --precision f64 needs", self.device.report.name) });
+            return Err(Error::NoDevice {
+                missing: format!("{} has no shaderFloat64, which --precision f64 needs", self.device.report.name),
+            });
         }
         let kernels = self.kernels(world.model, precision)?;
         self.loaded = None;

@@ -129,7 +129,8 @@ pub struct Pipeline {
 impl Pipeline {
     /// Builds the pipeline of a kernel from SPIR-V.
     pub fn new(device: &Arc<Device>, layout: &Layout, name: &str, code: &[u8]) -> Result<Pipeline> {
-        let words = ash::util::read_spv(&mut std::io::Cursor::new(code)).map_err(|e| Error::Vulkan { call: "read_spv", result: e.to_string() })?;
+        let words =
+            ash::util::read_spv(&mut std::io::Cursor::new(code)).map_err(|e| Error::Vulkan { call: "read_spv", result: e.to_string() })?;
         // SAFETY: the words are SPIR-V from glslang; the module is destroyed once the pipeline exists.
         unsafe {
             let module = device

@@ -78,7 +78,13 @@ pub fn statements(dialect: Dialect, prefix: &str, outputs: &[Expr]) -> (String, 
     for &expr in &order {
         match expr.node() {
             Node::Add(a, b) | Node::Sub(a, b) => {
-                let product = if fused(a) { Some(a) } else if fused(b) { Some(b) } else { None };
+                let product = if fused(a) {
+                    Some(a)
+                } else if fused(b) {
+                    Some(b)
+                } else {
+                    None
+                };
                 if let Some(product) = product {
                     absorbed.insert(product, true);
                 }

@@ -20,7 +20,9 @@ struct Function {
 enum Reduction {
     None,
     /// Sum of potentials, with their gradient when asked for.
-    Potential { gradient: bool },
+    Potential {
+        gradient: bool,
+    },
     /// Smallest safe step.
     SafeStep,
 }
@@ -109,7 +111,9 @@ impl ModelFormulas {
             }
             let (body, results) = statements(dialect, "t", &f.outputs);
             let _ = writeln!(out, "real {}({parameters}) {{", f.name);
-            out.push_str("    real x = position.x - model_origin().x, y = position.y - model_origin().y, z = position.z - model_origin().z;\n");
+            out.push_str(
+                "    real x = position.x - model_origin().x, y = position.y - model_origin().y, z = position.z - model_origin().z;\n",
+            );
             self.load(&mut out, dialect, "g_", self.global_names, &f.outputs, |i| format!("model_global({i})"));
             self.reduce(&mut out, dialect, &f.reduction, "for (int source = 0; source < model_source_count(); ++source)", |i| {
                 format!("model_source(source, {i})")
@@ -125,7 +129,9 @@ impl ModelFormulas {
 
     /// A Rust `impl Model for $name` over SIMD lanes.
     pub fn rust(&self, name: &str) -> String {
-        let mut out = format!("impl Model for crate::spacetime::{name} {{\n    const KIND: crate::spacetime::ModelKind = crate::spacetime::ModelKind::{name};\n");
+        let mut out = format!(
+            "impl Model for crate::spacetime::{name} {{\n    const KIND: crate::spacetime::ModelKind = crate::spacetime::ModelKind::{name};\n"
+        );
         for f in &self.functions {
             let argument = f.argument.map(|a| format!(", {a}: L")).unwrap_or_default();
             let result = if f.outputs.len() == 4 { "(L, [L; 3])" } else { "L" };
