@@ -1,4 +1,5 @@
 //! Bending models and the integrator against exact values, on the CPU backend.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod support;
 

@@ -1,5 +1,6 @@
 //! What rendered pictures must show: energy, exact irradiance, the shadow and the ring at the right size, the same film however
 //! it was made. On the CPU backend; `tests/vulkan.rs` holds the GPU against it.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod support;
 

@@ -2,6 +2,7 @@
 //!
 //! Runs under `NULLRAY_VALIDATION=1` by itself. Without a Vulkan device the tests show as ignored, unless
 //! `NULLRAY_REQUIRE_VULKAN=1` says that there must be one.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod support;
 

@@ -4,7 +4,7 @@ mod bench;
 mod check;
 mod devices;
 mod render;
-pub mod validate;
+mod validate;
 
 use crate::backend::cpu::CpuBackend;
 use crate::backend::vulkan::VulkanBackend;

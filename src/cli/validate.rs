@@ -122,7 +122,7 @@ fn compare_scene(vulkan: &mut VulkanBackend, cpu: &mut CpuBackend, world: World,
 }
 
 /// All samples of a world on one backend.
-pub fn render_film(backend: &mut dyn Backend, world: &Arc<World>, precision: Precision, spp: u32) -> Result<Film> {
+fn render_film(backend: &mut dyn Backend, world: &Arc<World>, precision: Precision, spp: u32) -> Result<Film> {
     backend.upload(world.clone(), precision, 0)?;
     backend.accumulate(0..world.scene.film_height, 0..spp)?;
     backend.film()
@@ -132,8 +132,8 @@ fn difference_film(a: &Film, b: &Film) -> Film {
     let mut film = Film::new(a.width, a.height, 0);
     film.counts.clone_from(&a.counts);
     for (i, sum) in film.sums.iter_mut().enumerate() {
-        for c in 0..3 {
-            sum[c] = a.sums[i][c].abs_diff(b.sums[i][c]);
+        for (c, value) in sum.iter_mut().enumerate().take(3) {
+            *value = a.sums[i][c].abs_diff(b.sums[i][c]);
         }
     }
     film.aovs = a.aovs.iter().zip(&b.aovs).map(|(p, q)| Aov { distance: (p.distance - q.distance).abs(), ..*p }).collect();

@@ -5,7 +5,7 @@ use super::layout::SceneParameters;
 use super::sampling::{sample_disc, sin_cos_turns};
 use glam::{Vec2, Vec3, vec2};
 
-/// Offset of a film sample from the pixel's center [pixels], distributed as the filter.
+/// Offset of a film sample from the pixel's center (pixels), distributed as the filter.
 #[inline(always)]
 pub fn sample_filter(kind: u32, u: Vec2) -> Vec2 {
     if kind == FILTER_BOX {
@@ -17,7 +17,7 @@ pub fn sample_filter(kind: u32, u: Vec2) -> Vec2 {
     vec2(sin_cos.y, sin_cos.x) * radius
 }
 
-/// Unit direction through the film point `film` [pixels, y down].
+/// Unit direction through the film point `film` (pixels, y down).
 #[inline(always)]
 pub fn film_direction(scene: &SceneParameters, film: Vec2) -> Vec3 {
     let right = Vec3::from(scene.camera_right);
@@ -35,7 +35,7 @@ pub fn film_direction(scene: &SceneParameters, film: Vec2) -> Vec3 {
     (right * x + up * y + forward).normalize()
 }
 
-/// Origin and unit direction of the camera ray through `film` [pixels], `lens` uniform in the unit square.
+/// Origin and unit direction of the camera ray through `film` (pixels), `lens` uniform in the unit square.
 #[inline(always)]
 pub fn camera_ray(scene: &SceneParameters, film: Vec2, lens: Vec2) -> (Vec3, Vec3) {
     let origin = Vec3::from(scene.camera_position);

@@ -38,6 +38,7 @@ pub trait Model: Send + Sync + 'static {
     fn safe_step<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3]) -> L;
 }
 
+#[allow(clippy::let_and_return, reason = "generated code names every result")]
 mod generated {
     use super::{Lane, Model, ModelBlock};
     include!(concat!(env!("OUT_DIR"), "/models.rs"));

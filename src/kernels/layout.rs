@@ -77,7 +77,7 @@ pub struct Material {
     pub emission: [f32; 3],
     /// Perceptual roughness; GGX alpha is its square.
     pub roughness: f32,
-    /// Absorption coefficient inside a dielectric [1/length].
+    /// Absorption coefficient inside a dielectric (1/length).
     pub absorption: [f32; 3],
     /// Refractive index of a dielectric.
     pub ior: f32,
@@ -151,7 +151,7 @@ pub struct SceneParameters {
     pub environment_scale: f32,
     /// Colour at the nadir.
     pub environment_nadir: [f32; 3],
-    /// Rotation about the vertical [radians]; spacing of a grid's lines [radians].
+    /// Rotation about the vertical (radians); spacing of a grid's lines (radians).
     pub environment_angle: f32,
     /// Center of the region that bends light.
     pub region_center: [f32; 3],

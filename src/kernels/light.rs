@@ -58,7 +58,7 @@ pub fn sample_light(view: &SceneView, light: &Light, position: Vec3, u: Vec2) ->
     (point - position).normalize()
 }
 
-/// Density of `sample_light` at `direction` [1/sr].
+/// Density of `sample_light` at `direction` (1/sr).
 #[inline(always)]
 pub fn light_pdf(view: &SceneView, light: &Light, position: Vec3, direction: Vec3) -> f32 {
     if light.kind == LIGHT_ENVIRONMENT {
@@ -167,7 +167,7 @@ pub fn sample_environment(view: &SceneView, u: Vec2) -> Vec3 {
     vec3(around.x * polar.x, polar.y, -around.y * polar.x)
 }
 
-/// Density of `sample_environment` [1/sr].
+/// Density of `sample_environment` (1/sr).
 #[inline(always)]
 pub fn environment_pdf(view: &SceneView, direction: Vec3) -> f32 {
     let scene = view.scene;

@@ -125,7 +125,7 @@ pub fn light_share(bsdf: &Bsdf, most: f32) -> f32 {
     if bsdf.alpha < 10.0 * MIN_ALPHA { 0.0 } else { share }
 }
 
-/// f |cos wi| and the density of `sample_bsdf` [1/sr] for a pair of directions.
+/// f |cos wi| and the density of `sample_bsdf` (1/sr) for a pair of directions.
 #[inline(always)]
 pub fn evaluate_bsdf(bsdf: &Bsdf, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
     if bsdf.kind == MATERIAL_DIFFUSE {

@@ -25,7 +25,7 @@ pub struct PathState {
     pub width: f32,
     /// Unit direction of the next ray.
     pub direction: Vec3,
-    /// Growth of the cone [radians].
+    /// Growth of the cone (radians).
     pub spread: f32,
     /// Factor on whatever the path meets.
     pub throughput: Vec3,

@@ -33,7 +33,7 @@ pub fn intersect_quad(origin: Vec3, direction: Vec3, corner: Vec3, edge_u: Vec3,
     let scale = 1.0 / normal.dot(normal);
     let u = p.cross(edge_v).dot(normal) * scale;
     let v = edge_u.cross(p).dot(normal) * scale;
-    let inside = u >= 0.0 && u <= 1.0 && v >= 0.0 && v <= 1.0;
+    let inside = (0.0..=1.0).contains(&u) && (0.0..=1.0).contains(&v);
     if inside && t > 0.0 && t < t_max { vec3(t, u, v) } else { vec3(-1.0, 0.0, 0.0) }
 }
 

@@ -27,7 +27,7 @@ pub fn spherical_direction(cos_theta: f32, turns: f32) -> Vec3 {
     vec3(sin_cos.y * sin_theta, sin_cos.x * sin_theta, cos_theta)
 }
 
-/// Cosine-distributed direction about +Z; its density is cos / pi [1/sr].
+/// Cosine-distributed direction about +Z; its density is cos / pi (1/sr).
 #[inline(always)]
 pub fn sample_cosine(u: Vec2) -> Vec3 {
     spherical_direction((1.0 - u.x).sqrt(), u.y)

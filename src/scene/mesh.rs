@@ -151,13 +151,7 @@ fn mtl_material(m: &tobj::Material, folder: &Path, scene: &mut Scene) -> Result<
     };
     let from_shininess = m.shininess.map(|s| (2.0 / (s.max(0.0) + 2.0)).sqrt().sqrt());
     let roughness = if glass && number("Pr").is_none() { 0.0 } else { number("Pr").or(from_shininess).unwrap_or(0.5) };
-    let color = if textures[0].is_some() {
-        [1.0; 3]
-    } else if glass {
-        [1.0; 3]
-    } else {
-        m.diffuse.unwrap_or([0.8; 3])
-    };
+    let color = if textures[0].is_some() || glass { [1.0; 3] } else { m.diffuse.unwrap_or([0.8; 3]) };
     Ok(Material {
         name: m.name.clone(),
         kind,

@@ -51,7 +51,7 @@ pub struct Camera {
     pub right: DVec3,
     /// Unit direction to its top.
     pub up: DVec3,
-    /// Vertical field of view [radians].
+    /// Vertical field of view (radians).
     pub fov_radians: f64,
     /// Radius of the lens.
     pub aperture_radius: f64,
@@ -106,9 +106,9 @@ pub enum Spacetime {
 pub struct Integrator {
     /// Method, resolved from `auto`.
     pub method: Method,
-    /// Error allowed per step [pixels].
+    /// Error allowed per step (pixels).
     pub tolerance: f64,
-    /// Error allowed per chord [pixels].
+    /// Error allowed per chord (pixels).
     pub chord_tolerance: f64,
     /// Step length of `euler`.
     pub step: f64,
@@ -138,9 +138,9 @@ pub enum Environment {
         north: [f32; 3],
         /// Colour of the lower half.
         south: [f32; 3],
-        /// Distance of lines [radians].
+        /// Distance of lines (radians).
         spacing: f64,
-        /// Width of lines [radians].
+        /// Width of lines (radians).
         width: f64,
     },
     /// An equirectangular image.
@@ -149,7 +149,7 @@ pub enum Environment {
         image: usize,
         /// Factor on its values.
         scale: f32,
-        /// Rotation about the vertical [radians].
+        /// Rotation about the vertical (radians).
         rotation: f64,
     },
 }
@@ -167,7 +167,7 @@ pub struct Material {
     pub roughness: f32,
     /// Refractive index.
     pub ior: f32,
-    /// Absorption [1/length].
+    /// Absorption (1/length).
     pub absorption: [f32; 3],
     /// Emitted radiance.
     pub emission: [f32; 3],

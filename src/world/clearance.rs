@@ -104,7 +104,7 @@ impl Grid {
         let [nx, ny, nz] = self.size.to_array().map(|n| n as usize);
         let far = 1e12f32;
         let mut squared: Vec<f32> = self.occupied.iter().map(|&o| if o { 0.0 } else { far }).collect();
-        squared.par_chunks_mut(nx).for_each(|row| transform_line(row));
+        squared.par_chunks_mut(nx).for_each(transform_line);
         squared.par_chunks_mut(nx * ny).for_each(|slice| transform_strided(slice, nx, nx, ny));
         // Along z the lines run through the whole array: transform a transposed copy of each xz slab.
         let columns: Vec<Vec<f32>> = (0..nx * ny)

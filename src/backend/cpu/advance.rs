@@ -446,10 +446,10 @@ fn refill<M: Model, S: Simd, T: Scalar>(
         if let (Some(limit), false) = (course.length, scene.method == METHOD_EULER) {
             h = Lane::min(h, T::from_f64(limit) / n);
         }
-        for axis in 0..3 {
+        for (axis, force) in a.into_iter().enumerate() {
             lanes.x[axis][i] = solo.x[axis];
             lanes.p[axis][i] = solo.d[axis] * n;
-            lanes.a[axis][i] = a[axis];
+            lanes.a[axis][i] = force;
         }
         lanes.h[i] = h;
         lanes.energy[i] = energy;
