@@ -94,7 +94,7 @@ constants! {
         /// Most chords one integration step is cut into.
         MAX_CHORDS = 32;
         /// Most clearance lookups from each end of a step.
-        MARCH_STEPS = 6;
+        MARCH_STEPS = 3;
         /// 16-bit fields of the stack of dielectrics a path is inside of.
         MEDIA_DEPTH = 4;
         /// 2^24: the film's fixed-point unit is 2^-24.
@@ -127,7 +127,7 @@ constants! {
         /// Share by which a chord reaches past its end, so that no gap opens between chords.
         CHORD_SLACK = 1e-6;
         /// Smallest share of a step that a clearance lookup must gain to go on marching.
-        MARCH_GAIN = 0.08;
+        MARCH_GAIN = 0.2;
         /// Smallest component of a direction in slab tests.
         MIN_DIRECTION = 1e-20;
         /// Standard deviation of the Gaussian pixel filter, pixels.

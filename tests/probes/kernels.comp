@@ -82,7 +82,7 @@ void main() {
     put(0, evaluate_bsdf(bsdf, wo, normalize(v3(12) - 0.5), pdf));
     put(3, pdf);
 #elif FUNCTION == 9
-    uvec2 fixed_point = fixed_from_float(exp2(44.0 * f(0) - 22.0));
+    uvec2 fixed_point = fixed_from_float(ldexp(f(0), int(f(1) * 44.0) - 22));
     put(0, float(fixed_point.x >> 16));
     put(1, float(fixed_point.x & 0xffffu));
     put(2, float(fixed_point.y));
