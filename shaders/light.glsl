@@ -106,6 +106,21 @@ float light_pdf(Light light, vec3 position, vec3 direction) {
     return found.x * found.x / max(abs(dot(normal, direction)) * light.size, 1e-20);
 }
 
+float lights_pdf(uint chosen, vec3 position, vec3 direction) {
+    uint count = SCENE.light_count;
+    if (count > MAX_SUMMED_LIGHTS) {
+        return light_pdf(light_at(chosen), position, direction);
+    }
+    float sum = 0.0;
+    float before = 0.0;
+    for (uint i = 0; i < count; ++i) {
+        Light light = light_at(i);
+        sum += (light.cumulative - before) * light_pdf(light, position, direction);
+        before = light.cumulative;
+    }
+    return sum;
+}
+
 vec3 grid_radiance(vec3 direction) {
     float spacing = SCENE.environment_angle;
     float polar = acos(clamp(direction.y, -1.0, 1.0)) / spacing;

@@ -191,13 +191,13 @@ bool shade(uint seed, uint sample_index, Surface surface, inout PathState path, 
     vec3 weight = drawn.weight;
     if (share > 0.0) {
         vec2 strategy = random_pair(seed, first, sample_index);
-        Light light = light_at(choose_light(strategy.y));
+        uint chosen = choose_light(strategy.y);
         if (strategy.x < share) {
-            wi = sample_light(light, surface.position, direction);
+            wi = sample_light(light_at(chosen), surface.position, direction);
         }
         float pdf;
         vec3 value = evaluate_bsdf(bsdf, wo_local, frame_from_world(normal, wi), pdf);
-        float density = share * light_pdf(light, surface.position, wi) + (1.0 - share) * pdf;
+        float density = share * lights_pdf(chosen, surface.position, wi) + (1.0 - share) * pdf;
         weight = density > 0.0 ? value * (1.0 / density) : vec3(0.0);
     }
 

@@ -89,14 +89,14 @@ constants! {
         BOUNCE_PAIRS = 3;
         /// First bounce at which Russian roulette may end a path.
         ROULETTE_BOUNCE = 3;
+        /// Up to this many lights the density of light sampling is summed over all of them.
+        MAX_SUMMED_LIGHTS = 16;
         /// Side of the table of GGX directional albedo, by cosine and by roughness.
         ALBEDO_SIZE = 32;
         /// Most chords one integration step is cut into.
         MAX_CHORDS = 32;
         /// Most clearance lookups from each end of a step.
         MARCH_STEPS = 3;
-        /// 16-bit fields of the stack of dielectrics a path is inside of.
-        MEDIA_DEPTH = 4;
         /// 2^24: the film's fixed-point unit is 2^-24.
         FILM_FRACTION_BITS = 24;
     }

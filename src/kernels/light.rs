@@ -84,6 +84,26 @@ pub fn light_pdf(view: &SceneView, light: &Light, position: Vec3, direction: Vec
     found.x * found.x / (normal.dot(direction).abs() * light.size).max(1e-20)
 }
 
+/// Density (1/sr) with which light sampling draws `direction` when it has chosen light number `chosen`.
+///
+/// With few lights this is the density over all of them, so that none is left to the surface's lobes alone; with many it
+/// is that of the chosen one, which is as unbiased and costs the same however many there are.
+#[inline(always)]
+pub fn lights_pdf(view: &SceneView, chosen: u32, position: Vec3, direction: Vec3) -> f32 {
+    let count = view.scene.light_count;
+    if count > MAX_SUMMED_LIGHTS {
+        return light_pdf(view, view.light(chosen), position, direction);
+    }
+    let mut sum = 0.0;
+    let mut before = 0.0;
+    for i in 0..count {
+        let light = view.light(i);
+        sum += (light.cumulative - before) * light_pdf(view, light, position, direction);
+        before = light.cumulative;
+    }
+    sum
+}
+
 /// Position of a direction on an equirectangular image, (0, 0) at the lower left.
 #[inline(always)]
 pub fn environment_uv(view: &SceneView, direction: Vec3) -> Vec2 {

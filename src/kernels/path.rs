@@ -1,13 +1,13 @@
 //! One vertex of a path: what was hit, what it emits, where the path goes on.
 //!
-//! The next direction is drawn from a mixture of the surface's lobes and of directions towards one light chosen at random, and
-//! weighted by the mixture's density for *that* light (one-sample mixture, unbiased for every choice). Emission is
+//! The next direction is drawn from a mixture of the surface's lobes and of directions towards lights, and weighted by the
+//! density of the whole mixture over directions (with many lights: given the light that was chosen, as unbiased). Emission is
 //! therefore always counted in full where a path meets it, and nothing needs to know whether the ray in between was straight.
 
 use super::camera::{camera_ray, sample_filter};
 use super::constants::*;
 use super::layout::{Aov, Material, Vertex};
-use super::light::{choose_light, environment_radiance, light_pdf, sample_light};
+use super::light::{choose_light, environment_radiance, lights_pdf, sample_light};
 use super::material::{Bsdf, evaluate_bsdf, ggx_albedo, is_delta, light_share, sample_bsdf};
 use super::primitive::{primitive_normal, primitive_uv};
 use super::rng::{pixel_seed, random_pair};
@@ -287,12 +287,12 @@ pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, 
     let mut weight = drawn.weight;
     if share > 0.0 {
         let strategy = random_pair(seed, first, sample_index);
-        let light = *view.light(choose_light(view, strategy.y));
+        let chosen = choose_light(view, strategy.y);
         if strategy.x < share {
-            wi = sample_light(view, &light, surface.position, direction);
+            wi = sample_light(view, view.light(chosen), surface.position, direction);
         }
         let (value, pdf) = evaluate_bsdf(&bsdf, wo_local, frame_from_world(normal, wi));
-        let density = share * light_pdf(view, &light, surface.position, wi) + (1.0 - share) * pdf;
+        let density = share * lights_pdf(view, chosen, surface.position, wi) + (1.0 - share) * pdf;
         weight = if density > 0.0 { value * (1.0 / density) } else { Vec3::ZERO };
     }
 

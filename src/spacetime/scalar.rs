@@ -30,10 +30,6 @@ pub trait Scalar: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     fn cube(self) -> Self {
         self * self * self
     }
-    /// `self` to a real power, for `self` > 0.
-    fn powf(self, exponent: Self) -> Self {
-        (exponent * self.ln()).exp()
-    }
 }
 
 impl Scalar for f64 {

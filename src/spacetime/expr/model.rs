@@ -90,14 +90,6 @@ impl ModelFormulas {
         }
     }
 
-    /// Number of operations of `medium`, sources counted once.
-    pub fn medium_operations(&self) -> usize {
-        let mut all = self.functions[0].outputs.clone();
-        all.push(self.source_potential);
-        all.extend(self.source_gradient);
-        statements(Dialect::Rust, "t", &all).0.lines().count()
-    }
-
     /// GLSL functions of the model; `real` and the accessors `model_*` must be in scope.
     pub fn glsl(&self, dialect: Dialect) -> String {
         let mut out = String::new();
