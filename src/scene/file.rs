@@ -192,7 +192,7 @@ impl Default for IntegratorTable {
     fn default() -> Self {
         IntegratorTable {
             method: unspanned(Method::Auto),
-            tolerance: Positive(0.5),
+            tolerance: Positive(0.3),
             chord_tolerance: Positive(0.2),
             step: Positive(0.1),
             max_steps: Whole(2000),
