@@ -49,7 +49,7 @@ fn thesis_in_f32() {
     assert!(literal < 1e-3 && limit < 1e-3, "{literal:e} {limit:e}");
 }
 
-/// Complex numbers with the operations of the formulas, for derivatives without cancellation.
+/// Dual numbers: a value and its derivative, for derivatives without cancellation.
 #[derive(Clone, Copy)]
 struct Dual(f64, f64);
 
@@ -193,9 +193,9 @@ fn thesis_law_is_power_zero() {
     }
 }
 
-/// Kepler's hyperbola is not light; but an inverse-square index n = E + k / r deflects by an exact angle.
+/// The index n = E + k / r of an inverse-square force deflects by an angle in closed form.
 #[test]
-fn inverse_square_deflection_matches_quadrature() {
+fn inverse_square_deflection_is_exact() {
     // b = rho n sin(angle) is conserved: deflection = 2 int b dr / (r sqrt(n^2 r^2 - b^2)) - pi, here in u = 1/r:
     // n r = 1/u + k, so the integral is elementary: 2 b/sqrt(b^2-k^2) * (pi/2 + asin(k/b)) - pi.
     let (k, b) = (0.2f64, 1.5f64);

@@ -152,7 +152,7 @@ impl VulkanBackend {
         self.device.report.float64
     }
 
-    /// The device's memory after everything that was allocated; for tests of other modules.
+    /// The device it runs on.
     pub fn device(&self) -> &Arc<Device> {
         &self.device
     }
