@@ -32,10 +32,21 @@ fn main() -> Result<(), Box<dyn Error>> {
     for dialect in [Dialect::Glsl32, Dialect::Glsl64] {
         includes.insert(format!("constants{}", suffix(dialect)), constants_glsl(dialect));
     }
+    macro_rules! formulas {
+        (Medium, $model:path) => {
+            ModelFormulas::of_medium::<$model>()
+        };
+        (Metric, $model:path) => {
+            ModelFormulas::of_metric::<$model>()
+        };
+        (Flow, $model:path) => {
+            ModelFormulas::of_flow::<$model>()
+        };
+    }
     macro_rules! generate {
-        ($(($name:ident, $stem:ident)),+ $(,)?) => {
+        ($(($name:ident, $stem:ident, $class:ident)),+ $(,)?) => {
             $(
-                let formulas = ModelFormulas::of::<spacetime::$name>();
+                let formulas = formulas!($class, spacetime::$name);
                 rust += &formulas.rust(stringify!($name));
                 for dialect in [Dialect::Glsl32, Dialect::Glsl64] {
                     includes.insert(format!("{}{}", stringify!($stem), suffix(dialect)), formulas.glsl(dialect));
@@ -114,6 +125,15 @@ fn compile_shader(kernel: &str, dialect: Dialect, model: &str, generated: &HashM
     }
     if model == "flat" {
         defines.push(("FLAT", Some("1")));
+    }
+    let kind = spacetime::ModelKind::ALL.iter().find(|k| k.stem() == model);
+    defines.extend(kind.and_then(|k| match k.class() {
+        spacetime::Class::Medium => Some(("MEDIUM", Some("1"))),
+        spacetime::Class::Metric => Some(("METRIC", Some("1"))),
+        spacetime::Class::Flow => None,
+    }));
+    if kind.is_some_and(|k| k.has_throat()) {
+        defines.push(("THROAT", Some("1")));
     }
     let options = CompilerOptions {
         target: Target::Vulkan { version: VulkanVersion::Vulkan1_2, spirv_version: SpirvVersion::SPIRV1_5 },

@@ -3,6 +3,7 @@
 #extension GL_EXT_buffer_reference : require
 // Follows rays for a bounded number of steps. Compiled once per bending model and precision.
 
+#define KERNEL_ADVANCE
 #include "bindings.glsl"
 #include "math.glsl"
 #include "triangle.glsl"
@@ -30,14 +31,15 @@ void land(uint slot, Arrival arrival) {
 void advance(uint slot) {
     vec3 origin = uintBitsToFloat(load_word(slot, WORD_ORIGIN).xyz);
     vec3 direction = uintBitsToFloat(load_word(slot, WORD_DIRECTION).xyz);
+    uint side = load_word(slot, WORD_RATIO).y;
     Curve curve = straight(origin, direction);
-    Hit hit = Hit(push.length_limit, NO_INDEX, 0.0, 0.0);
-    closest_hit(curve, hit);
+    Hit hit = Hit(FAR, NO_INDEX, 0.0, 0.0);
+    closest_hit(curve, side, hit);
     bool found = hit.primitive != NO_INDEX;
-    bool stopped = push.length_limit < FAR;
-    float travelled = found || stopped ? hit.t : 0.0;
-    uint status = found ? STATUS_HIT : (stopped ? STATUS_FLYING : STATUS_ESCAPED);
-    land(slot, Arrival(origin + direction * travelled, hit.primitive, direction, status, hit.u, hit.v, travelled, 1.0, 0u, 1u, 0.0));
+    float travelled = found ? hit.t : 0.0;
+    uint status = found ? STATUS_HIT : STATUS_ESCAPED;
+    land(slot, Arrival(origin + direction * travelled, hit.primitive, direction, status, hit.u, hit.v, travelled, 1.0, 0u, 1u, 0.0,
+        vec3(1.0), vec3(0.0), 1.0, side));
 }
 #endif
 

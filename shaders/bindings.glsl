@@ -5,10 +5,12 @@
 #define real double
 #define real3 dvec3
 #define TOLERANCE_FLOOR TOLERANCE_FLOOR_F64
+#define REGION_MARGIN REGION_MARGIN_F64
 #else
 #define real float
 #define real3 vec3
 #define TOLERANCE_FLOOR TOLERANCE_FLOOR_F32
+#define REGION_MARGIN REGION_MARGIN_F32
 #endif
 
 #include "constants.glsl"
@@ -26,11 +28,15 @@ SCENE_BUFFER(Uints, uint);
 SCENE_BUFFER(Floats, float);
 SCENE_BUFFER(Textures, Texture);
 SCENE_BUFFER(Texels, uvec2);
+layout(buffer_reference, std430, buffer_reference_align = 8) readonly buffer Profiles { vec2 items[]; };
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer BlackBodies { vec4 items[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Materials { Material items[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Lights { Light items[]; };
-layout(buffer_reference, std430, buffer_reference_align = 8) readonly buffer Model {
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Model {
     uint source_count;
     uint source_stride;
+    uint source_start;
+    uint global_start;
     real values[];
 };
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Scene {
@@ -47,6 +53,8 @@ layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Sc
     Floats environment_cdf;
     Uints clearance;
     Floats albedo;
+    BlackBodies black_bodies;
+    Profiles profiles;
     Model model;
     SceneParameters parameters;
 };
@@ -65,8 +73,11 @@ layout(push_constant) uniform Push {
     uint parity;
     uint stage;
     uint capacity;
-    float length_limit;
     uint tracing;
+    // Where traced rays end: STOP_* and up to four numbers, each the sum of two floats.
+    uint stop;
+    vec4 stop_high;
+    vec4 stop_low;
 } push;
 
 layout(set = 0, binding = 0, std430) buffer PathBuffer { uvec4 path_words[]; };
@@ -97,6 +108,9 @@ const uint WORD_LEDGER = 7;
 const uint WORD_FLIGHT = 8;
 const uint WORD_LAUNCH = 12;
 const uint WORD_LENGTH = 13;
+const uint WORD_DIAGONAL = 14;
+const uint WORD_LOWER = 15;
+const uint WORD_RATIO = 16;
 
 // Steps word of a ray that has not started: from the path's origin, or from the flight's own words.
 const uint FRESH = 0xffffffffu;
@@ -137,8 +151,8 @@ uvec3 slot_pixel(uint slot) {
     return uvec3(pixel % SCENE.film_width, push.first_row + pixel / SCENE.film_width, push.first_sample + slot / pixels);
 }
 
-uint scene_root() {
-    return 0;
+uint scene_root(uint side) {
+    return side == 0 ? 0 : SCENE.far_root;
 }
 
 float node_bound(uint node, uint plane, uint lane) {
@@ -210,7 +224,15 @@ float albedo(uint index) {
     return push.scene.albedo.items[index];
 }
 
-// The model's block: origin, step length of euler, global parameters, sources.
+vec4 black_body_entry(uint index) {
+    return push.scene.black_bodies.items[index];
+}
+
+vec2 profile_entry(uint index) {
+    return push.scene.profiles.items[index];
+}
+
+// The model's block: origin, step, throat, Runge-Kutta tableau, global parameters, sources.
 real3 model_origin() {
     return real3(push.scene.model.values[0], push.scene.model.values[1], push.scene.model.values[2]);
 }
@@ -219,8 +241,16 @@ real model_step() {
     return push.scene.model.values[3];
 }
 
+real model_throat() {
+    return push.scene.model.values[4];
+}
+
+real model_tableau(uint i) {
+    return push.scene.model.values[5 + i];
+}
+
 real model_global(int i) {
-    return push.scene.model.values[4 + i];
+    return push.scene.model.values[int(push.scene.model.global_start) + i];
 }
 
 int model_source_count() {
@@ -228,5 +258,5 @@ int model_source_count() {
 }
 
 real model_source(int source, int i) {
-    return push.scene.model.values[4 + source * int(push.scene.model.source_stride) + i];
+    return push.scene.model.values[int(push.scene.model.source_start) + source * int(push.scene.model.source_stride) + i];
 }

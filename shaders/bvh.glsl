@@ -46,11 +46,6 @@ Curve cut_span(Curve curve, float from, float to, float tolerance) {
     return Curve(curve_point(curve, from), c1, c2, c3, uint(chords), deviation + tolerance);
 }
 
-float curve_speed(Curve curve) {
-    vec3 end = curve.c1 + curve.c2 * 2.0 + curve.c3 * 3.0;
-    return max(max(length(curve.c1), length(curve.c1 + curve.c2)), length(end));
-}
-
 vec3 hit_position(Curve curve, float t) {
     if (curve.chords == 1) {
         return curve.start + (curve.c1 + curve.c2 + curve.c3) * t;
@@ -106,7 +101,7 @@ void intersect_leaf(Curve curve, uint child, float enter, float exit, inout Hit 
 
 uvec3 traversal_stack[STACK_SIZE];
 
-void closest_hit(Curve curve, inout Hit hit) {
+void closest_hit(Curve curve, uint side, inout Hit hit) {
     vec3 chord = curve.c1 + curve.c2 + curve.c3;
     bvec3 forward = greaterThanEqual(chord, vec3(0.0));
     vec3 size = max(abs(chord), vec3(MIN_DIRECTION));
@@ -117,7 +112,7 @@ void closest_hit(Curve curve, inout Hit hit) {
     uvec3 near_plane = uvec3(0, 2, 4) + mix(uvec3(1), uvec3(0), forward);
 
     uint top = 0;
-    uint child = scene_root();
+    uint child = scene_root(side);
     float enter = 0.0;
     float exit = hit.t;
     while (true) {

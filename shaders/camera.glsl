@@ -23,15 +23,29 @@ vec3 film_direction(vec2 film) {
     return normalize(SCENE.camera_right * x + SCENE.camera_up * y + SCENE.camera_forward);
 }
 
-void camera_ray(vec2 film, vec2 lens, out vec3 origin, out vec3 direction) {
+vec3 aberrate(vec3 direction, vec3 velocity, out float ratio) {
+    float speed2 = dot(velocity, velocity);
+    ratio = 1.0;
+    if (speed2 == 0.0) {
+        return direction;
+    }
+    float gamma = 1.0 / sqrt(1.0 - speed2);
+    float along = dot(direction, velocity);
+    float energy = gamma * (1.0 - along);
+    vec3 boosted = direction + velocity * ((gamma - 1.0) * along / speed2 - gamma);
+    ratio = 1.0 / energy;
+    return boosted * (1.0 / energy);
+}
+
+void camera_ray(vec2 film, vec2 lens, out vec3 origin, out vec3 direction, out float ratio) {
     origin = SCENE.camera_position;
     direction = film_direction(film);
-    if (SCENE.aperture_radius <= 0.0 || SCENE.camera_kind == CAMERA_PANORAMA) {
-        return;
+    if (SCENE.aperture_radius > 0.0 && SCENE.camera_kind != CAMERA_PANORAMA) {
+        vec3 focus = direction * (SCENE.focus_distance / dot(direction, SCENE.camera_forward));
+        vec2 disc = sample_disc(lens) * SCENE.aperture_radius;
+        vec3 offset = SCENE.camera_right * disc.x + SCENE.camera_up * disc.y;
+        origin += offset;
+        direction = normalize(focus - offset);
     }
-    vec3 focus = direction * (SCENE.focus_distance / dot(direction, SCENE.camera_forward));
-    vec2 disc = sample_disc(lens) * SCENE.aperture_radius;
-    vec3 offset = SCENE.camera_right * disc.x + SCENE.camera_up * disc.y;
-    origin += offset;
-    direction = normalize(focus - offset);
+    direction = aberrate(direction, SCENE.camera_velocity, ratio);
 }

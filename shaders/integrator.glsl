@@ -3,33 +3,89 @@
 struct Flight {
     real3 x;
     real3 p;
+    real3 v;
     real3 a;
+};
+
+struct Charge {
+    real energy;
+    real sense;
 };
 
 real3 along(real3 a, real3 b, real f) {
     return fma(b, real3(f), a);
 }
 
-real3 force(real3 x, real energy) {
-    real3 gradient;
-    real n = medium(x, energy, gradient);
-    return gradient * n;
+Flight rate_at(Charge charge, real3 x, real3 p, real parameter) {
+    real3 v, a;
+    rate(x, p, charge.energy, charge.sense, parameter, v, a);
+    return Flight(x, p, v, a);
 }
 
-void nystrom_step(real energy, inout Flight flight, real h, out real error) {
+real3 nystrom_force(Charge charge, real3 x, real3 p) {
+    return rate_at(charge, x, p, real(0.0)).a;
+}
+
+void nystrom_step(Charge charge, inout Flight flight, real h, out real error) {
     real h2 = h * h;
     real3 k0 = flight.a;
     real3 x1 = along(along(flight.x, flight.p, h * RKN_C1), k0, h2 * RKN_A10);
-    real3 k1 = force(x1, energy);
+    real3 k1 = nystrom_force(charge, x1, flight.p);
     real3 x2 = along(along(along(flight.x, flight.p, h * RKN_C2), k0, h2 * RKN_A20), k1, h2 * RKN_A21);
-    real3 k2 = force(x2, energy);
+    real3 k2 = nystrom_force(charge, x2, flight.p);
     real3 x = along(along(along(along(flight.x, flight.p, h), k0, h2 * RKN_B0), k1, h2 * RKN_B1), k2, h2 * RKN_B2);
-    real3 k3 = force(x, energy);
+    real3 k3 = nystrom_force(charge, x, flight.p);
     real3 p = along(along(along(along(flight.p, k0, h * RKN_V0), k1, h * RKN_V1), k2, h * RKN_V2), k3, h * RKN_V3);
     real3 ex = along(along(along(k0 * RKN_E0, k1, RKN_E1), k2, RKN_E2), k3, RKN_E3);
     real3 ep = along(along(along(k0 * RKN_F0, k1, RKN_F1), k2, RKN_F2), k3, RKN_F3);
     error = sqrt(dot(ex, ex) + dot(ep, ep)) * h2;
-    flight = Flight(x, p, k3);
+    flight = Flight(x, p, p, k3);
+}
+
+void runge_kutta_step(Charge charge, inout Flight flight, real parameter, real h, out real error) {
+    uint stages = uint(model_tableau(0));
+    real3 v[MAX_STAGES];
+    real3 a[MAX_STAGES];
+    v[0] = flight.v;
+    a[0] = flight.a;
+    Flight state = flight;
+    for (uint i = 1; i < stages; ++i) {
+        uint row = 2 + 2 * MAX_STAGES + i * MAX_STAGES;
+        real3 x = flight.x, p = flight.p;
+        for (uint j = 0; j < i; ++j) {
+            real weight = h * model_tableau(row + j);
+            x = along(x, v[j], weight);
+            p = along(p, a[j], weight);
+        }
+        state = rate_at(charge, x, p, fma(h, model_tableau(2 + i), parameter));
+        v[i] = state.v;
+        a[i] = state.a;
+    }
+    real3 ex = real3(0.0), ep = real3(0.0);
+    for (uint j = 0; j < stages; ++j) {
+        real weight = model_tableau(2 + MAX_STAGES + j);
+        ex = along(ex, v[j], weight);
+        ep = along(ep, a[j], weight);
+    }
+    real turn = h * h * dot(flight.v, flight.v) / dot(flight.p, flight.p);
+    error = sqrt(dot(ex, ex) + dot(ep, ep) * turn) * abs(h);
+    flight = state;
+}
+
+void symplectic_step(Charge charge, inout Flight flight, real parameter, real h) {
+    Flight at = flight;
+    for (uint i = 0; i < SYMPLECTIC_ITERATIONS; ++i) {
+        at = rate_at(charge, flight.x, along(flight.p, at.a, h), parameter);
+    }
+    flight = rate_at(charge, along(flight.x, at.v, h), at.p, parameter + h);
+}
+
+void leapfrog_step(Charge charge, inout Flight flight, real parameter, real h) {
+    real half_step = h * real(0.5);
+    real3 p = along(flight.p, flight.a, half_step);
+    flight = rate_at(charge, along(flight.x, p, h), p, parameter + h);
+    flight.p = along(p, flight.a, half_step);
+    flight.v = flight.p;
 }
 
 real step_factor(real error, real tolerance) {
@@ -38,23 +94,24 @@ real step_factor(real error, real tolerance) {
     return error < tolerance * real(1e30) ? factor : STEP_SHRINK;
 }
 
-real first_step(real index, real3 a, real safe_length) {
-    real bend = max(sqrt(dot(a, a)), real(1e-12));
-    real len = min(index * index / bend * FIRST_STEP, safe_length);
-    return len / index;
+real first_step(Flight flight, real safe_length) {
+    real speed = sqrt(dot(flight.v, flight.v));
+    real bend = max(sqrt(dot(flight.a, flight.a)), real(1e-12));
+    real radius = speed * sqrt(dot(flight.p, flight.p)) / bend;
+    return min(radius * FIRST_STEP, safe_length) / speed;
 }
 
-void euler_step(real energy, inout Flight flight, real h, real kick) {
-    real3 gradient;
-    medium(flight.x, energy, gradient);
+void euler_step(Charge charge, inout Flight flight, real h, real kick) {
+    real3 gradient = index_gradient(flight.x, charge.energy);
     real speed = sqrt(dot(flight.p, flight.p));
     flight.x = along(flight.x, flight.p, h / speed);
     flight.p = along(flight.p, gradient, kick);
+    flight.v = flight.p;
 }
 
 real arc_length(Flight from, Flight to, real h) {
-    real3 middle = along((to.x - from.x) * real(1.5), from.p + to.p, real(-0.25) * h);
-    real size = sqrt(dot(from.p, from.p)) + sqrt(dot(to.p, to.p));
+    real3 middle = along((to.x - from.x) * real(1.5), from.v + to.v, real(-0.25) * h);
+    real size = sqrt(dot(from.v, from.v)) + sqrt(dot(to.v, to.v));
     real inner = sqrt(dot(middle, middle));
     inner = h < real(0.0) ? -inner : inner;
     return (size * h + inner * real(4.0)) / real(6.0);
@@ -73,6 +130,13 @@ real enter_sphere(real3 x, real3 d, real3 center, real radius) {
         return real(-1.0);
     }
     return -b - sqrt(discriminant / dot(d, d));
+}
+
+void invert_through(inout real3 x, inout real3 p, real throat) {
+    real share = throat * throat / dot(x, x);
+    real radial = real(-2.0) * dot(x, p) / dot(x, x);
+    p = along(p, x, radial) / share;
+    x *= share;
 }
 
 real3 asymptote(real3 x, real3 d, real strength) {

@@ -39,6 +39,10 @@ struct Material {
     uint roughness_texture;
     uint emission_texture;
     uint flags;
+    float temperature;
+    uint profile;
+    float inner_radius;
+    float outer_radius;
 };
 
 struct Texture {
@@ -56,6 +60,19 @@ struct Light {
     float cumulative;
 };
 
+struct EnvironmentParameters {
+    vec3 color;
+    uint kind;
+    vec3 horizon;
+    float scale;
+    vec3 nadir;
+    float angle;
+    uint texture_index;
+    uint columns;
+    uint rows;
+    float temperature;
+};
+
 struct SceneParameters {
     vec3 camera_position;
     float tan_half_fov;
@@ -65,12 +82,9 @@ struct SceneParameters {
     float aperture_radius;
     vec3 camera_forward;
     float focus_distance;
-    vec3 environment_color;
-    uint environment_kind;
-    vec3 environment_horizon;
-    float environment_scale;
-    vec3 environment_nadir;
-    float environment_angle;
+    vec3 camera_velocity;
+    uint far_root;
+    EnvironmentParameters environment[2];
     vec3 region_center;
     float region_radius;
     vec3 grid_min;
@@ -91,9 +105,7 @@ struct SceneParameters {
     uint literal_kick;
     uint max_depth;
     uint light_count;
-    uint environment_texture;
-    uint environment_columns;
-    uint environment_rows;
+    uint local_frames;
     float light_share;
 };
 

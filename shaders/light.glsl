@@ -20,8 +20,8 @@ float sphere_cap(Light light, vec3 position) {
     return sin2 >= 1.0 ? 2.0 : sin2 / (1.0 + sqrt(1.0 - sin2));
 }
 
-vec2 environment_uv(vec3 direction) {
-    float azimuth = atan(direction.x, -direction.z) + SCENE.environment_angle;
+vec2 environment_uv(EnvironmentParameters environment, vec3 direction) {
+    float azimuth = atan(direction.x, -direction.z) + environment.angle;
     return vec2(azimuth / TAU + 0.5, 1.0 - acos(clamp(direction.y, -1.0, 1.0)) * INV_PI);
 }
 
@@ -40,7 +40,7 @@ uint search_cdf(uint first, uint count, float u) {
 }
 
 vec3 sample_environment(vec2 u) {
-    uint columns = SCENE.environment_columns, rows = SCENE.environment_rows;
+    uint columns = SCENE.environment[0].columns, rows = SCENE.environment[0].rows;
     uint row = search_cdf(0, rows, u.y);
     float row_low = row == 0 ? 0.0 : environment_cdf(row - 1);
     float row_high = environment_cdf(row);
@@ -51,14 +51,14 @@ vec3 sample_environment(vec2 u) {
     float s = (float(column) + clamp((u.x - low) / (high - low), 0.0, 1.0)) / float(columns);
     float t = (float(row) + clamp((u.y - row_low) / (row_high - row_low), 0.0, 1.0)) / float(rows);
     vec2 polar = sin_cos_turns(t * 0.5);
-    float turns = s - 0.5 - SCENE.environment_angle / TAU;
+    float turns = s - 0.5 - SCENE.environment[0].angle / TAU;
     vec2 around = sin_cos_turns(turns - floor(turns));
     return vec3(around.x * polar.x, polar.y, -around.y * polar.x);
 }
 
 float environment_pdf(vec3 direction) {
-    uint columns = SCENE.environment_columns, rows = SCENE.environment_rows;
-    vec2 uv = environment_uv(direction);
+    uint columns = SCENE.environment[0].columns, rows = SCENE.environment[0].rows;
+    vec2 uv = environment_uv(SCENE.environment[0], direction);
     uint column = min(uint((uv.x - floor(uv.x)) * float(columns)), columns - 1);
     uint row = min(uint((1.0 - uv.y) * float(rows)), rows - 1);
     uint first = rows + row * columns;
@@ -121,31 +121,31 @@ float lights_pdf(uint chosen, vec3 position, vec3 direction) {
     return sum;
 }
 
-vec3 grid_radiance(vec3 direction) {
-    float spacing = SCENE.environment_angle;
+vec3 grid_radiance(EnvironmentParameters environment, vec3 direction) {
+    float spacing = environment.angle;
     float polar = acos(clamp(direction.y, -1.0, 1.0)) / spacing;
     float azimuth = atan(direction.x, -direction.z) / spacing;
     float from_polar = abs(polar - floor(polar + 0.5)) * spacing;
     float from_azimuth = abs(azimuth - floor(azimuth + 0.5)) * spacing;
     float sin_polar = sqrt(max(1.0 - direction.y * direction.y, 0.0));
-    bool on_line = from_polar < 0.5 * SCENE.environment_scale || from_azimuth * sin_polar < 0.5 * SCENE.environment_scale;
+    bool on_line = from_polar < 0.5 * environment.scale || from_azimuth * sin_polar < 0.5 * environment.scale;
     if (on_line) {
-        return SCENE.environment_color;
+        return environment.color;
     }
-    return direction.y > 0.0 ? SCENE.environment_horizon : SCENE.environment_nadir;
+    return direction.y > 0.0 ? environment.horizon : environment.nadir;
 }
 
-vec3 environment_radiance(vec3 direction) {
-    if (SCENE.environment_kind == ENVIRONMENT_CONSTANT) {
-        return SCENE.environment_color;
+vec3 environment_radiance(EnvironmentParameters environment, vec3 direction) {
+    if (environment.kind == ENVIRONMENT_CONSTANT) {
+        return environment.color;
     }
-    if (SCENE.environment_kind == ENVIRONMENT_GRADIENT) {
-        vec3 end = direction.y > 0.0 ? SCENE.environment_color : SCENE.environment_nadir;
-        return mix(SCENE.environment_horizon, end, sqrt(abs(direction.y)));
+    if (environment.kind == ENVIRONMENT_GRADIENT) {
+        vec3 end = direction.y > 0.0 ? environment.color : environment.nadir;
+        return mix(environment.horizon, end, sqrt(abs(direction.y)));
     }
-    if (SCENE.environment_kind == ENVIRONMENT_GRID) {
-        return grid_radiance(direction);
+    if (environment.kind == ENVIRONMENT_GRID) {
+        return grid_radiance(environment, direction);
     }
-    vec4 value = sample_texture(SCENE.environment_texture, environment_uv(direction));
-    return value.xyz * SCENE.environment_scale;
+    vec4 value = sample_texture(environment.texture_index, environment_uv(environment, direction));
+    return value.xyz * environment.scale;
 }

@@ -1,4 +1,4 @@
-// exp and ln in the precision of the integrator: GLSL has them for single precision only.
+// exp, ln, sin, cos and atan in the precision of the integrator: GLSL has them for single precision only.
 
 #ifdef REAL64
 double real_exp(double x) {
@@ -22,7 +22,43 @@ double real_ln(double x) {
     }
     return y + double(e) * 0.6931471805599453094lf;
 }
+double real_sin(double x) {
+    double n = floor(x * 0.31830988618379067154lf + 0.5lf);
+    double r = (x - n * 3.14159265358979311600lf) - n * 1.2246467991473531772e-16lf;
+    double r2 = r * r;
+    double sum = 1.0lf;
+    for (int i = 11; i > 0; --i) {
+        sum = 1.0lf - sum * r2 / double(2 * i * (2 * i + 1));
+    }
+    return mod(n, 2.0lf) == 0.0lf ? r * sum : -r * sum;
+}
+
+double real_cos(double x) {
+    return real_sin(x + 1.57079632679489661923lf);
+}
+
+double real_atan(double x) {
+    bool large = abs(x) > 1.0lf;
+    double z = large ? 1.0lf / x : x;
+    double y = double(atan(float(z)));
+    double t = real_sin(y) / real_cos(y);
+    double d = (z - t) / (1.0lf + z * t);
+    y += d * (1.0lf - d * d * (1.0lf / 3.0lf - 0.2lf * d * d));
+    return large ? (x > 0.0lf ? 1.57079632679489661923lf : -1.57079632679489661923lf) - y : y;
+}
 #else
+float real_sin(float x) {
+    return sin(x);
+}
+
+float real_cos(float x) {
+    return cos(x);
+}
+
+float real_atan(float x) {
+    return atan(x);
+}
+
 float real_exp(float x) {
     return exp(x);
 }

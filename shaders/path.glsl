@@ -9,6 +9,8 @@ struct PathState {
     uint bounce;
     vec3 radiance;
     uvec2 media;
+    float frequency_ratio;
+    uint side;
 };
 
 struct Arrival {
@@ -23,6 +25,10 @@ struct Arrival {
     uint steps;
     uint chords;
     float constraint_error;
+    vec3 frame_diagonal;
+    vec3 frame_lower;
+    float doppler;
+    uint side;
 };
 
 struct Surface {
@@ -39,13 +45,34 @@ PathState start_path(uint x, uint y, uint sample_index) {
     vec2 offset = sample_filter(SCENE.filter_kind, random_pair(seed, 0, sample_index));
     vec2 film = vec2(float(x) + 0.5, float(y) + 0.5) + offset;
     vec3 origin, direction;
+    float frequency_ratio;
     vec2 lens = SCENE.aperture_radius > 0.0 ? random_pair(seed, 1, sample_index) : vec2(0.0);
-    camera_ray(film, lens, origin, direction);
-    return PathState(origin, SCENE.cone_width, direction, SCENE.pixel_spread, vec3(1.0), 0u, vec3(0.0), uvec2(0));
+    camera_ray(film, lens, origin, direction, frequency_ratio);
+    return PathState(origin, SCENE.cone_width, direction, SCENE.pixel_spread, vec3(1.0), 0u, vec3(0.0), uvec2(0), frequency_ratio, 0u);
+}
+#endif
+
+#if defined(KERNEL_SHADE) || defined(KERNEL_ESCAPE)
+vec3 black_body(float temperature) {
+    if (temperature < BLACK_BODY_MIN) {
+        return vec3(0.0);
+    }
+    float last = float(BLACK_BODY_SIZE - 1);
+    float at = log(temperature / BLACK_BODY_MIN) / log(BLACK_BODY_MAX / BLACK_BODY_MIN) * last;
+    float index = floor(min(at, last - 1.0));
+    vec4 low = black_body_entry(uint(index));
+    vec4 high = black_body_entry(uint(index) + 1);
+    vec4 entry = low + (high - low) * min(at - index, 1.0);
+    return entry.xyz * (exp(entry.w) * max(temperature / BLACK_BODY_MAX, 1.0));
 }
 #endif
 
 #ifdef KERNEL_SHADE
+vec3 local_normal(vec3 normal, Arrival arrival) {
+    vec3 d = arrival.frame_diagonal, l = arrival.frame_lower;
+    return normalize(vec3(d.x * normal.x + l.x * normal.y + l.y * normal.z, d.y * normal.y + l.z * normal.z, d.z * normal.z));
+}
+
 vec3 vertex_normal(uint index) {
     Vertex v = vertex_at(index);
     return vec3(v.normal[0], v.normal[1], v.normal[2]);
@@ -123,15 +150,52 @@ float roughness_at(Material material, vec2 uv) {
     return material.roughness_texture == NO_INDEX ? material.roughness : material.roughness * sample_texture(material.roughness_texture, uv).y;
 }
 
-vec3 emission_at(Material material, vec2 uv) {
-    return material.emission_texture == NO_INDEX ? material.emission : material.emission * sample_texture(material.emission_texture, uv).xyz;
+vec3 emission_at(Material material, vec2 uv, float frequency_ratio) {
+    vec3 emission = material.emission;
+    if (material.temperature > 0.0) {
+        emission *= black_body(material.temperature * frequency_ratio);
+    }
+    return material.emission_texture == NO_INDEX ? emission : emission * sample_texture(material.emission_texture, uv).xyz;
+}
+#endif
+
+#if defined(KERNEL_SHADE) || defined(KERNEL_ADVANCE)
+vec2 disc_profile(Material material, float radius) {
+    float last = float(DISC_PROFILE_SIZE - 1);
+    float at = (radius - material.inner_radius) / (material.outer_radius - material.inner_radius) * last;
+    float index = clamp(floor(at), 0.0, last - 1.0);
+    vec2 low = profile_entry(material.profile + uint(index));
+    vec2 high = profile_entry(material.profile + uint(index) + 1);
+    return low + (high - low) * clamp(at - index, 0.0, 1.0);
+}
+#endif
+
+#ifdef KERNEL_ADVANCE
+bool matter_velocity(Hit hit, vec3 position, out vec3 velocity) {
+    velocity = vec3(0.0);
+    if (hit.primitive == NO_INDEX || (hit.primitive & HIT_PRIMITIVE) == 0) {
+        return false;
+    }
+    Primitive primitive = primitive_at(hit.primitive & CHILD_INDEX);
+    if (primitive.kind != PRIMITIVE_DISC) {
+        return false;
+    }
+    float omega = disc_profile(material_at(object_material(primitive.object)), hit.u).y;
+    vec3 center = vec3(primitive.data[0], primitive.data[1], primitive.data[2]);
+    velocity = cross(vec3(primitive.data[4], primitive.data[5], primitive.data[6]), position - center) * omega;
+    return true;
 }
 #endif
 
 #ifdef KERNEL_ESCAPE
 void escape(inout PathState path, Arrival arrival) {
     if (arrival.status == STATUS_ESCAPED) {
-        path.radiance += path.throughput * environment_radiance(arrival.direction);
+        EnvironmentParameters environment = SCENE.environment[arrival.side];
+        vec3 radiance = environment_radiance(environment, arrival.direction);
+        if (environment.temperature > 0.0) {
+            radiance *= black_body(environment.temperature * path.frequency_ratio * arrival.redshift);
+        }
+        path.radiance += path.throughput * radiance;
     }
 }
 #endif
@@ -147,19 +211,43 @@ bool shade(uint seed, uint sample_index, Surface surface, inout PathState path, 
         path.throughput *= exp(-material_at(inside - 1).absorption * arrival.path_length);
     }
 
+    // See the surface in the frame of the local observer.
+    vec3 outward = surface.normal_geometric, shading = surface.normal_shading;
+    if (SCENE.local_frames != 0) {
+        outward = local_normal(outward, arrival);
+        shading = local_normal(shading, arrival);
+    }
+    path.frequency_ratio *= arrival.redshift;
+    path.side = arrival.side;
+
     // Count emission, on the outer side or on both.
     vec3 wo = -arrival.direction;
-    bool outside = dot(surface.normal_geometric, wo) > 0.0;
+    bool outside = dot(outward, wo) > 0.0;
+    vec3 extent = abs(surface.position);
+    float offset = ORIGIN_OFFSET * max(extent.x, max(extent.y, extent.z)) + SCENE.origin_offset;
+    if (material.kind == MATERIAL_ACCRETION) {
+        float hottest = material.temperature * disc_profile(material, surface.uv.x).x;
+        vec3 thermal = black_body(hottest * path.frequency_ratio * arrival.doppler);
+        path.radiance += path.throughput * material.emission * thermal;
+        if ((material.flags & MATERIAL_OPAQUE) != 0) {
+            return false;
+        }
+        // Light from behind passes as it came.
+        path.origin = surface.position + surface.normal_geometric * (outside ? -offset : offset);
+        path.direction = arrival.direction;
+        path.width += path.spread * arrival.path_length;
+        return true;
+    }
     if (outside || (material.flags & MATERIAL_TWO_SIDED) != 0) {
-        path.radiance += path.throughput * emission_at(material, surface.uv);
+        path.radiance += path.throughput * emission_at(material, surface.uv, path.frequency_ratio);
     }
     if (material.kind == MATERIAL_EMISSIVE || path.bounce >= SCENE.max_depth) {
         return false;
     }
 
     // Turn the normals to the side the ray came from.
-    vec3 geometric = outside ? surface.normal_geometric : -surface.normal_geometric;
-    vec3 normal = surface.normal_shading;
+    vec3 geometric = outside ? outward : -outward;
+    vec3 normal = shading;
     normal = dot(normal, geometric) < 0.0 ? -normal : normal;
     normal = dot(normal, wo) < 1e-4 ? geometric : normal;
     vec3 wo_local = frame_from_world(normal, wo);
@@ -225,9 +313,7 @@ bool shade(uint seed, uint sample_index, Surface surface, inout PathState path, 
     }
 
     // Leave the surface.
-    vec3 size = abs(surface.position);
-    float offset = ORIGIN_OFFSET * max(size.x, max(size.y, size.z)) + SCENE.origin_offset;
-    path.origin = surface.position + geometric * (reflects ? offset : -offset);
+    path.origin = surface.position + surface.normal_geometric * (reflects == outside ? offset : -offset);
     path.direction = wi;
     path.width += path.spread * arrival.path_length;
     float scatter = material.kind == MATERIAL_DIFFUSE ? 1.0 : min(bsdf.alpha, 1.0);

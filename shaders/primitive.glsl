@@ -49,6 +49,15 @@ float intersect_box(vec3 origin, vec3 direction, Primitive primitive, float t_ma
     return near <= far && t > 0.0 && t < t_max ? t : -1.0;
 }
 
+vec3 intersect_disc(vec3 origin, vec3 direction, Primitive primitive, float t_max) {
+    vec3 from_center = origin - vec3(primitive.data[0], primitive.data[1], primitive.data[2]);
+    vec3 normal = vec3(primitive.data[4], primitive.data[5], primitive.data[6]);
+    float t = -dot(from_center, normal) / dot(direction, normal);
+    float radius = length(from_center + direction * t);
+    bool met = t > 0.0 && t < t_max && radius >= primitive.data[3] && radius <= primitive.data[7];
+    return met ? vec3(t, radius, 0.0) : vec3(-1.0, 0.0, 0.0);
+}
+
 vec3 intersect_primitive(Primitive primitive, vec3 origin, vec3 direction, float t_max) {
     vec3 first = vec3(primitive.data[0], primitive.data[1], primitive.data[2]);
     if (primitive.kind == PRIMITIVE_SPHERE) {
@@ -58,6 +67,9 @@ vec3 intersect_primitive(Primitive primitive, vec3 origin, vec3 direction, float
         vec3 edge_u = vec3(primitive.data[3], primitive.data[4], primitive.data[5]);
         vec3 edge_v = vec3(primitive.data[6], primitive.data[7], primitive.data[8]);
         return intersect_quad(origin, direction, first, edge_u, edge_v, t_max);
+    }
+    if (primitive.kind == PRIMITIVE_DISC) {
+        return intersect_disc(origin, direction, primitive, t_max);
     }
     return vec3(intersect_box(origin, direction, primitive, t_max), 0.0, 0.0);
 }
@@ -88,6 +100,9 @@ vec3 primitive_normal(Primitive primitive, vec3 position) {
         vec3 edge_v = vec3(primitive.data[6], primitive.data[7], primitive.data[8]);
         return normalize(cross(edge_u, edge_v));
     }
+    if (primitive.kind == PRIMITIVE_DISC) {
+        return vec3(primitive.data[4], primitive.data[5], primitive.data[6]);
+    }
     uint face = box_face(box_local(primitive, position));
     uint row = 4 * (face / 2);
     vec3 normal = normalize(vec3(primitive.data[row], primitive.data[row + 1], primitive.data[row + 2]));
@@ -99,7 +114,7 @@ vec2 primitive_uv(Primitive primitive, vec3 position, vec2 uv) {
         vec3 n = primitive_normal(primitive, position);
         return vec2(0.5 + atan(n.x, n.z) / TAU, 1.0 - acos(clamp(n.y, -1.0, 1.0)) * INV_PI);
     }
-    if (primitive.kind == PRIMITIVE_QUAD) {
+    if (primitive.kind == PRIMITIVE_QUAD || primitive.kind == PRIMITIVE_DISC) {
         return uv;
     }
     vec3 local = box_local(primitive, position);

@@ -1,4 +1,4 @@
-// Paths in memory: eight words of four numbers for the path and its ray's end, five more for a ray in flight.
+// Paths in memory: eleven words of four numbers for the path and its ray's end, six more for a ray in flight.
 
 PathState load_path(uint slot) {
     uvec4 origin = load_word(slot, WORD_ORIGIN);
@@ -6,8 +6,9 @@ PathState load_path(uint slot) {
     uvec4 throughput = load_word(slot, WORD_THROUGHPUT);
     uvec4 radiance = load_word(slot, WORD_RADIANCE);
     uint outer_media = load_word(slot, WORD_LEDGER).w;
+    uvec4 ratio = load_word(slot, WORD_RATIO);
     return PathState(uintBitsToFloat(origin.xyz), uintBitsToFloat(origin.w), uintBitsToFloat(direction.xyz), uintBitsToFloat(direction.w),
-        uintBitsToFloat(throughput.xyz), throughput.w, uintBitsToFloat(radiance.xyz), uvec2(radiance.w, outer_media));
+        uintBitsToFloat(throughput.xyz), throughput.w, uintBitsToFloat(radiance.xyz), uvec2(radiance.w, outer_media), uintBitsToFloat(ratio.x), ratio.y);
 }
 
 void store_path(uint slot, PathState path) {
@@ -17,6 +18,7 @@ void store_path(uint slot, PathState path) {
     store_word(slot, WORD_RADIANCE, path.radiance, path.media.x);
     store_word(slot, WORD_LEDGER, uvec4(0, 0, 0, path.media.y));
     store_word(slot, WORD_LAUNCH, uvec4(0, 0, FRESH, 0));
+    store_word(slot, WORD_RATIO, uvec4(floatBitsToUint(path.frequency_ratio), path.side, 0, 0));
 }
 
 Arrival load_arrival(uint slot) {
@@ -24,8 +26,11 @@ Arrival load_arrival(uint slot) {
     uvec4 travel = load_word(slot, WORD_TRAVEL);
     vec4 surface = uintBitsToFloat(load_word(slot, WORD_SURFACE));
     uvec4 ledger = load_word(slot, WORD_LEDGER);
+    uvec4 diagonal = load_word(slot, WORD_DIAGONAL);
+    uvec4 lower = load_word(slot, WORD_LOWER);
     return Arrival(uintBitsToFloat(position.xyz), position.w, uintBitsToFloat(travel.xyz), travel.w, surface.x, surface.y, surface.z,
-        surface.w, ledger.x, ledger.y, uintBitsToFloat(ledger.z));
+        surface.w, ledger.x, ledger.y, uintBitsToFloat(ledger.z), uintBitsToFloat(diagonal.xyz), uintBitsToFloat(lower.xyz),
+        uintBitsToFloat(diagonal.w), lower.w);
 }
 
 void store_arrival(uint slot, Arrival arrival) {
@@ -34,10 +39,12 @@ void store_arrival(uint slot, Arrival arrival) {
     store_word(slot, WORD_SURFACE, floatBitsToUint(vec4(arrival.u, arrival.v, arrival.path_length, arrival.redshift)));
     uint outer_media = load_word(slot, WORD_LEDGER).w;
     store_word(slot, WORD_LEDGER, uvec4(arrival.steps, arrival.chords, floatBitsToUint(arrival.constraint_error), outer_media));
+    store_word(slot, WORD_DIAGONAL, arrival.frame_diagonal, arrival.doppler);
+    store_word(slot, WORD_LOWER, arrival.frame_lower, arrival.side);
 }
 
 Aov miss_aov(Arrival arrival) {
-    return Aov(vec3(0.0), arrival.redshift, vec3(0.0), arrival.path_length, vec3(0.0), arrival.constraint_error, 0u, arrival.status, arrival.steps, arrival.chords);
+    return Aov(vec3(0.0), arrival.redshift * arrival.doppler, vec3(0.0), arrival.path_length, vec3(0.0), arrival.constraint_error, 0u, arrival.status, arrival.steps, arrival.chords);
 }
 
 void store_aov(uvec3 pixel, Aov aov) {

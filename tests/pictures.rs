@@ -344,7 +344,7 @@ fn bvh_equals_brute_force() {
         let direction = (target - origin).normalize();
         let mut hit = Hit::none(1e30);
         let mut stack = EMPTY_STACK;
-        fearless_simd::dispatch!(level, simd => closest_hit(simd, &view, &straight(origin, direction), &mut stack, &mut hit));
+        nullray::dispatch!(level, simd => closest_hit(simd, &view, &straight(origin, direction), 0, &mut stack, &mut hit));
         let mut best = 1e30f32;
         for block in &world.blocks {
             for lane in 0..8 {

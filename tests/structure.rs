@@ -41,7 +41,8 @@ fn twins_have_the_same_functions() {
         ("primitive", &[]),
         // Slab tests run on registers here and inline there.
         ("bvh", &["intersect_node"]),
-        ("clearance", &[]),
+        // Built into GLSL as `length`.
+        ("clearance", &["grid_length"]),
         // `to_vec3` is a constructor in GLSL.
         ("integrator", &["to_vec3"]),
         ("light", &[]),
@@ -158,7 +159,27 @@ fn structures_have_the_layout_of_the_shaders() {
     check_layout!(
         "shade",
         "Material",
-        Material { base_color, kind, emission, roughness, absorption, ior, base_texture, roughness_texture, emission_texture, flags }
+        Material {
+            base_color,
+            kind,
+            emission,
+            roughness,
+            absorption,
+            ior,
+            base_texture,
+            roughness_texture,
+            emission_texture,
+            flags,
+            temperature,
+            profile,
+            inner_radius,
+            outer_radius
+        }
+    );
+    check_layout!(
+        "shade",
+        "EnvironmentParameters",
+        EnvironmentParameters { color, kind, horizon, scale, nadir, angle, texture_index, columns, rows, temperature }
     );
     check_layout!(
         "shade",
@@ -172,12 +193,9 @@ fn structures_have_the_layout_of_the_shaders() {
             aperture_radius,
             camera_forward,
             focus_distance,
-            environment_color,
-            environment_kind,
-            environment_horizon,
-            environment_scale,
-            environment_nadir,
-            environment_angle,
+            camera_velocity,
+            far_root,
+            environment,
             region_center,
             region_radius,
             grid_min,
@@ -198,9 +216,7 @@ fn structures_have_the_layout_of_the_shaders() {
             literal_kick,
             max_depth,
             light_count,
-            environment_texture,
-            environment_columns,
-            environment_rows,
+            local_frames,
             light_share
         }
     );

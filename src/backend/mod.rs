@@ -5,9 +5,12 @@ pub mod vulkan;
 
 use crate::error::Result;
 use crate::film::Film;
-use crate::kernels::path::Arrival;
+use crate::kernels::constants::STATUS_ESCAPED;
+use crate::kernels::integrator::PointFunctions;
 use crate::simd::Real;
+use crate::spacetime::{Class, ModelKind};
 use crate::world::World;
+pub use crate::world::{Stop, TraceOptions};
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
@@ -32,35 +35,136 @@ impl Precision {
     }
 }
 
+/// How a traced ray sets out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Launch {
+    /// Along a direction of travel in the local orthonormal frame of the Eulerian observer; its length is the launch speed of
+    /// `gravity` and ignored elsewhere.
+    Direction([f64; 3]),
+    /// With the covariant spatial momentum of the future-directed photon, of a metric or a medium.
+    Momentum([f64; 3]),
+}
+
 /// A ray to be traced on its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TraceRay {
     /// Start point.
     pub origin: [f64; 3],
-    /// Direction of travel; its length is the launch speed of `gravity` and ignored elsewhere.
-    pub direction: [f64; 3],
+    /// Direction or momentum.
+    pub launch: Launch,
+    /// Whether the photon that *arrives* here is followed backward, as a camera does, rather than one emitted here forward.
+    pub past: bool,
+    /// Side of a wormhole it starts on: 1 or -1.
+    pub side: i32,
+}
+
+impl TraceRay {
+    /// A ray that looks along `direction` from `origin`.
+    pub fn looking(origin: [f64; 3], direction: [f64; 3]) -> TraceRay {
+        TraceRay { origin, launch: Launch::Direction(direction), past: true, side: 1 }
+    }
 }
 
 /// Where a traced ray ended.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TraceResult {
-    /// The end of the ray, in single precision.
-    pub arrival: Arrival,
+    /// `STATUS_*`.
+    pub status: u32,
     /// End point.
     pub position: [f64; 3],
-    /// Unit direction of travel there, at infinity if escaped.
+    /// Unit direction of travel there in the local orthonormal frame, at infinity if escaped.
     pub direction: [f64; 3],
-    /// Unnormalised velocity (momentum) there.
-    pub velocity: [f64; 3],
+    /// Unnormalised velocity or covariant momentum of the ray there; of the future-directed photon if it was launched with one.
+    pub momentum: [f64; 3],
+    /// Coordinate length.
+    pub length: f64,
+    /// The model's parameter: coordinate time for metrics.
+    pub parameter: f64,
+    /// Side of a wormhole: 1 or -1.
+    pub side: i32,
+    /// Integration steps.
+    pub steps: u32,
+    /// Chords that met the BVH.
+    pub chords: u32,
+    /// Relative drift of the conserved Hamiltonian.
+    pub constraint_error: f64,
+    /// Frequency at the end over frequency at the start, for Eulerian observers (distant static ones if escaped).
+    pub frequency_ratio: f64,
+    /// Object that was hit.
+    pub object: Option<u32>,
 }
 
-/// How rays are traced on their own, where pixels do not set the tolerance.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TraceOptions {
-    /// Error allowed per step, in scene units.
-    pub tolerance: f64,
-    /// End after this coordinate length.
-    pub length: Option<f64>,
+/// A traced ray ready for a backend: a unit direction in the local frame, and what its result is made of.
+#[derive(Clone, Copy, Debug)]
+struct Prepared {
+    origin: [f64; 3],
+    direction: [f64; 3],
+    speed: f64,
+    sense: f64,
+    side: u32,
+    /// Factor of the ray's momentum over the one that `direction` is launched with; negative for a photon followed backward.
+    scale: f64,
+}
+
+/// The end of a ray as a backend reports it.
+#[derive(Clone, Copy, Debug)]
+struct RawLanding {
+    status: u32,
+    primitive: u32,
+    position: [f64; 3],
+    direction: [f64; 3],
+    momentum: [f64; 3],
+    length: f64,
+    parameter: f64,
+    side: u32,
+    steps: u32,
+    chords: u32,
+}
+
+impl Prepared {
+    fn new(world: &World, ray: &TraceRay) -> Prepared {
+        let functions = PointFunctions::<f64>::of(world.model);
+        let block = world.model_block::<f64>();
+        let sense = if ray.past { -1.0 } else { 1.0 };
+        let (vector, is_momentum) = match ray.launch {
+            Launch::Direction(d) => (d, false),
+            Launch::Momentum(p) => (p.map(|c| c * sense), true),
+        };
+        let size = vector.iter().map(|c| c * c).sum::<f64>().sqrt();
+        let gravity = matches!(world.model, ModelKind::ThesisGravity | ModelKind::PowerGravity);
+        let (mut direction, speed) = (vector.map(|c| c / size), if gravity { size } else { 1.0 });
+        let mut scale = 1.0;
+        if is_momentum && world.model.class() == Class::Metric {
+            let (local, frequency, _) = (functions.observe)((), &block, ray.origin, vector, 1.0, sense, 0.0);
+            direction = local;
+            scale = sense * frequency;
+        }
+        Prepared { origin: ray.origin, direction, speed, sense, side: u32::from(ray.side < 0), scale }
+    }
+
+    /// The result of a ray; frequencies and drift are taken in double precision whatever the backend's.
+    fn result(&self, world: &World, raw: &RawLanding) -> TraceResult {
+        let functions = PointFunctions::<f64>::of(world.model);
+        let block = world.model_block::<f64>();
+        let (_, energy, frequency) = (functions.launch)((), &block, self.origin, self.direction, self.speed, self.sense);
+        let (_, seen, drift) = (functions.observe)((), &block, raw.position, raw.momentum, energy, self.sense, raw.parameter);
+        let escaped = raw.status == STATUS_ESCAPED;
+        let end = if escaped { (functions.far_frequency)((), &block, raw.momentum, energy) } else { seen };
+        TraceResult {
+            status: raw.status,
+            position: raw.position,
+            direction: raw.direction,
+            momentum: raw.momentum.map(|c| c * self.scale),
+            length: raw.length,
+            parameter: raw.parameter,
+            side: if raw.side == 0 { 1 } else { -1 },
+            steps: raw.steps,
+            chords: raw.chords,
+            constraint_error: drift.abs(),
+            frequency_ratio: end / frequency,
+            object: world.object_of(raw.primitive),
+        }
+    }
 }
 
 /// How long one kernel ran since timings were last taken.

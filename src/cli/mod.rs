@@ -143,7 +143,7 @@ impl SceneArgs {
         }
         let mut scene = load_scene(path.map(PathBuf::as_path), &set)?;
         if self.linear {
-            scene.spacetime = crate::scene::Spacetime::Flat;
+            scene.spacetime = crate::scene::Spacetime::flat();
         }
         let world = World::compile(&scene)?;
         if world.dark {

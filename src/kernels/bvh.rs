@@ -92,13 +92,6 @@ pub fn cut_span(curve: &Curve, from: f32, to: f32, tolerance: f32) -> Curve {
     Curve { start: curve_point(curve, from), c1, c2, c3, chords: chords as u32, inflation: deviation + tolerance }
 }
 
-/// Bound of |dx/ds| along the curve: the longest leg of its derivative's control polygon.
-#[inline(always)]
-pub fn curve_speed(curve: &Curve) -> f32 {
-    let end = curve.c1 + curve.c2 * 2.0 + curve.c3 * 3.0;
-    curve.c1.length().max((curve.c1 + curve.c2).length()).max(end.length())
-}
-
 /// Point where the chords of the curve were hit at parameter `t`.
 #[inline(always)]
 pub fn hit_position(curve: &Curve, t: f32) -> Vec3 {
@@ -168,15 +161,15 @@ pub type TraversalStack = [(u32, f32, f32); STACK_SIZE as usize];
 /// An empty stack; its first entry is the sentinel that ends a traversal.
 pub const EMPTY_STACK: TraversalStack = [(NO_INDEX, 0.0, 0.0); STACK_SIZE as usize];
 
-/// Finds the closest hit of `curve` before `hit.t`. For a curved step `hit.t` starts at 1.
+/// Finds the closest hit of `curve` before `hit.t`, on one side of a wormhole. For a curved step `hit.t` starts at 1.
 ///
 /// `stack` is scratch space, [`EMPTY_STACK`] at first; the caller keeps it because clearing it costs as much as a short ray.
 #[inline(always)]
-pub fn closest_hit<S: Simd>(simd: S, view: &SceneView, curve: &Curve, stack: &mut TraversalStack, hit: &mut Hit) {
+pub fn closest_hit<S: Simd>(simd: S, view: &SceneView, curve: &Curve, side: u32, stack: &mut TraversalStack, hit: &mut Hit) {
     let chord = curve.c1 + curve.c2 + curve.c3;
     let ray = SlabRay::new(simd, curve.start, chord, curve.inflation);
     let mut top = 1;
-    let mut child = view.root();
+    let mut child = view.scene_root(side);
     let mut enter = 0.0f32;
     let mut exit = hit.t;
     loop {

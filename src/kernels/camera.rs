@@ -35,17 +35,35 @@ pub fn film_direction(scene: &SceneParameters, film: Vec2) -> Vec3 {
     (right * x + up * y + forward).normalize()
 }
 
-/// Origin and unit direction of the camera ray through `film` (pixels), `lens` uniform in the unit square.
+/// A viewing direction of an observer who moves with `velocity` (in units of light's) as the observer at rest has it, and the
+/// frequency the moving one sees over that of the one at rest: aberration and Doppler shift of light that arrives from there.
 #[inline(always)]
-pub fn camera_ray(scene: &SceneParameters, film: Vec2, lens: Vec2) -> (Vec3, Vec3) {
-    let origin = Vec3::from(scene.camera_position);
-    let direction = film_direction(scene, film);
-    if scene.aperture_radius <= 0.0 || scene.camera_kind == CAMERA_PANORAMA {
-        return (origin, direction);
+pub fn aberrate(direction: Vec3, velocity: Vec3) -> (Vec3, f32) {
+    let speed2 = velocity.dot(velocity);
+    if speed2 == 0.0 {
+        return (direction, 1.0);
     }
-    let forward = Vec3::from(scene.camera_forward);
-    let focus = direction * (scene.focus_distance / direction.dot(forward));
-    let disc = sample_disc(lens) * scene.aperture_radius;
-    let offset = Vec3::from(scene.camera_right) * disc.x + Vec3::from(scene.camera_up) * disc.y;
-    (origin + offset, (focus - offset).normalize())
+    let gamma = 1.0 / (1.0 - speed2).sqrt();
+    let along = direction.dot(velocity);
+    // Energy and viewing direction of a photon of unit energy in the moving frame, boosted back.
+    let energy = gamma * (1.0 - along);
+    let boosted = direction + velocity * ((gamma - 1.0) * along / speed2 - gamma);
+    (boosted * (1.0 / energy), 1.0 / energy)
+}
+
+/// Origin and unit direction of the camera ray through `film` (pixels), `lens` uniform in the unit square; and the frequency on the
+/// film over that for the Eulerian observer at the camera.
+#[inline(always)]
+pub fn camera_ray(scene: &SceneParameters, film: Vec2, lens: Vec2) -> (Vec3, Vec3, f32) {
+    let mut origin = Vec3::from(scene.camera_position);
+    let mut direction = film_direction(scene, film);
+    if scene.aperture_radius > 0.0 && scene.camera_kind != CAMERA_PANORAMA {
+        let focus = direction * (scene.focus_distance / direction.dot(Vec3::from(scene.camera_forward)));
+        let disc = sample_disc(lens) * scene.aperture_radius;
+        let offset = Vec3::from(scene.camera_right) * disc.x + Vec3::from(scene.camera_up) * disc.y;
+        origin += offset;
+        direction = (focus - offset).normalize();
+    }
+    let (seen, ratio) = aberrate(direction, scene.camera_velocity.into());
+    (origin, seen, ratio)
 }

@@ -32,6 +32,8 @@ constants! {
         STATUS_CAPTURED = 3;
         /// The ray ran out of steps.
         STATUS_EXHAUSTED = 4;
+        /// The ray came to where a traced ray was told to stop.
+        STATUS_STOPPED = 5;
 
         /// BVH child: a block of triangles; the low bits are its index.
         CHILD_BLOCK = 0x8000_0000;
@@ -48,16 +50,21 @@ constants! {
         PRIMITIVE_SPHERE = 0;
         PRIMITIVE_QUAD = 1;
         PRIMITIVE_BOX = 2;
+        PRIMITIVE_DISC = 3;
 
         /// Kinds of material.
         MATERIAL_DIFFUSE = 0;
         MATERIAL_METALLIC = 1;
         MATERIAL_DIELECTRIC = 2;
         MATERIAL_EMISSIVE = 3;
+        /// Thermal matter on circular orbits; what is behind it is seen if it is not opaque.
+        MATERIAL_ACCRETION = 4;
         /// Material flag: emits on both sides of a surface.
         MATERIAL_TWO_SIDED = 1;
         /// Material flag: some value is textured, so that texture coordinates are needed.
         MATERIAL_TEXTURED = 2;
+        /// Material flag: nothing is seen through an accretion disc.
+        MATERIAL_OPAQUE = 4;
 
         /// Kinds of light.
         LIGHT_SPHERE = 0;
@@ -79,9 +86,23 @@ constants! {
         FILTER_BOX = 0;
         FILTER_GAUSSIAN = 1;
 
+        /// What ends traced rays: nothing, a length, a value of the parameter, leaving a sphere, crossing a plane.
+        STOP_NONE = 0;
+        STOP_LENGTH = 1;
+        STOP_PARAMETER = 2;
+        STOP_SPHERE = 3;
+        STOP_PLANE = 4;
+
         /// Integrators.
         METHOD_EULER = 0;
         METHOD_NYSTROM = 1;
+        METHOD_RUNGE_KUTTA = 2;
+        METHOD_SYMPLECTIC = 3;
+        METHOD_LEAPFROG = 4;
+        /// Most stages of a Runge-Kutta method.
+        MAX_STAGES = 7;
+        /// Iterations of the implicit kick of symplectic Euler.
+        SYMPLECTIC_ITERATIONS = 4;
 
         /// Random pairs drawn for a camera ray: film, lens.
         CAMERA_PAIRS = 2;
@@ -91,6 +112,10 @@ constants! {
         ROULETTE_BOUNCE = 3;
         /// Up to this many lights the density of light sampling is summed over all of them.
         MAX_SUMMED_LIGHTS = 16;
+        /// Entries of the table of black bodies, uniform in the logarithm of temperature.
+        BLACK_BODY_SIZE = 256;
+        /// Entries of the profile of an accretion disc, uniform in radius.
+        DISC_PROFILE_SIZE = 512;
         /// Side of the table of GGX directional albedo, by cosine and by roughness.
         ALBEDO_SIZE = 32;
         /// Most chords one integration step is cut into.
@@ -128,6 +153,9 @@ constants! {
         CHORD_SLACK = 1e-6;
         /// Smallest share of a step that a clearance lookup must gain to go on marching.
         MARCH_GAIN = 0.2;
+        /// Range of the table of black bodies (kelvin).
+        BLACK_BODY_MIN = 500.0;
+        BLACK_BODY_MAX = 100000.0;
         /// Smallest component of a direction in slab tests.
         MIN_DIRECTION = 1e-20;
         /// Standard deviation of the Gaussian pixel filter, pixels.
@@ -164,8 +192,9 @@ constants! {
         STEP_GROW = 3.0;
         /// First step, as a share of the local radius of curvature.
         FIRST_STEP = 0.3;
-        /// How far inside the bending region a ray that enters it is put, as a share of its radius.
-        REGION_MARGIN = 1e-6;
+        /// How far inside the bending region a ray that enters it is put, as a share of the way to it.
+        REGION_MARGIN_F32 = 1e-6;
+        REGION_MARGIN_F64 = 1e-14;
         /// Smallest tolerance, as a share of the coordinates: below it rounding is all there is.
         TOLERANCE_FLOOR_F32 = 3e-8;
         TOLERANCE_FLOOR_F64 = 1e-15;

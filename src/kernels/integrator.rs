@@ -1,8 +1,9 @@
 //! Steps along curved rays, over any number of lanes and in either precision.
 //!
-//! A ray obeys x' = p, p' = n grad n with |p| = n(x) (an isotropic medium with dl = ds / n, so that the force depends on x only).
-//! The default step is the Runge-Kutta-Nystroem pair RKN4(3)4FM of Dormand, El-Mikkawy and Prince (IMA J. Numer. Anal. 7, 1987):
-//! three evaluations of the force for order 4 with an error estimate. `euler` is the recurrence of the thesis.
+//! A ray obeys x' = velocity(x, p), p' = force(x, p), which the model gives. In a medium x' = p and the force depends on x only: there the
+//! default step is the Runge-Kutta-Nystroem pair RKN4(3)4FM of Dormand, El-Mikkawy and Prince (IMA J. Numer. Anal. 7, 1987), three
+//! evaluations for order 4 with an error estimate. Elsewhere it is a Runge-Kutta pair given by its tableau. `euler` is the recurrence of
+//! the thesis, `symplectic` and `leapfrog` those of Satoh (2003).
 
 use super::constants::*;
 use super::triangle::dot;
@@ -14,8 +15,12 @@ use crate::spacetime::ModelKind;
 pub struct ModelBlock<T> {
     /// Origin of the model in the world.
     pub origin: [T; 3],
-    /// Step length of `euler`.
+    /// Radius of the throat below which a ray is inverted to the other side of a wormhole; 0 if there is none.
+    pub throat: T,
+    /// Step of the methods that do not choose their own.
     pub step: T,
+    /// The Runge-Kutta method, packed as `world/method.rs` writes it.
+    pub tableau: Vec<T>,
     /// Values of the model's parameters.
     pub global: Vec<T>,
     /// Values of its sources, one after another.
@@ -23,19 +28,70 @@ pub struct ModelBlock<T> {
 }
 
 /// A bending model as the integrator sees it. Implemented by generated code for every entry of the list of models.
+///
+/// A ray has a position, a momentum, a conserved energy, a sense (-1 if it is followed into its past) and a parameter: affine for a
+/// medium, coordinate time for a metric, length for a flow.
 pub trait Model: Send + Sync + 'static {
     /// Which model this is.
     const KIND: ModelKind;
-    /// Refractive index and its gradient.
-    fn medium<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3], energy: L) -> (L, [L; 3]);
-    /// Conserved energy of a ray launched with velocity of length `speed`.
-    fn launch_energy<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3], speed: L) -> L;
-    /// Lapse of the static observer.
-    fn lapse<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3]) -> L;
-    /// Negative where a ray is captured.
-    fn capture_distance<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3]) -> L;
+    /// Velocity and force: derivatives of position and momentum by the parameter.
+    fn rate<L: Lane>(
+        token: L::Token,
+        model: &ModelBlock<L::Real>,
+        position: [L; 3],
+        momentum: [L; 3],
+        energy: L,
+        sense: L,
+        parameter: L,
+    ) -> ([L; 3], [L; 3]);
+    /// Momentum, energy and frequency of a ray launched along the unit vector `direction` of the local frame.
+    fn launch<L: Lane>(
+        token: L::Token,
+        model: &ModelBlock<L::Real>,
+        position: [L; 3],
+        direction: [L; 3],
+        speed: L,
+        sense: L,
+    ) -> ([L; 3], L, L);
+    /// Unit direction of travel in the local frame, frequency there, and relative error of the conserved Hamiltonian.
+    fn observe<L: Lane>(
+        token: L::Token,
+        model: &ModelBlock<L::Real>,
+        position: [L; 3],
+        momentum: [L; 3],
+        energy: L,
+        sense: L,
+        parameter: L,
+    ) -> ([L; 3], L, L);
+    /// Local frame of the Eulerian observer: L of gamma^ij = L L^T up to a factor, as its diagonal and (L10, L20, L21).
+    fn frame<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3]) -> ([L; 3], [L; 3]);
+    /// Frequency of an escaped ray for a distant static observer.
+    fn far_frequency<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, momentum: [L; 3], energy: L) -> L;
+    /// Negative where a ray launched with `frequency` is captured.
+    fn capture_distance<L: Lane>(
+        token: L::Token,
+        model: &ModelBlock<L::Real>,
+        position: [L; 3],
+        momentum: [L; 3],
+        frequency: L,
+        sense: L,
+    ) -> L;
     /// Largest coordinate length of a step.
     fn safe_step<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3]) -> L;
+    /// Frequency seen by matter of coordinate velocity `velocity` dx/dt.
+    fn matter_frequency<L: Lane>(
+        token: L::Token,
+        model: &ModelBlock<L::Real>,
+        position: [L; 3],
+        momentum: [L; 3],
+        energy: L,
+        sense: L,
+        velocity: [L; 3],
+    ) -> L;
+    /// The model's own radial coordinate.
+    fn coordinate_radius<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3]) -> L;
+    /// Gradient of the refractive index of a medium; zero for other models.
+    fn index_gradient<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3], energy: L) -> [L; 3];
 }
 
 #[allow(clippy::let_and_return, reason = "generated code names every result")]
@@ -44,16 +100,81 @@ mod generated {
     include!(concat!(env!("OUT_DIR"), "/models.rs"));
 }
 
-/// Position, momentum and force of a ray.
+/// The functions of one model for single rays, see [`Model`].
+#[allow(clippy::type_complexity, reason = "the signatures are those of the trait")]
+pub struct PointFunctions<T> {
+    /// [`Model::rate`].
+    pub rate: fn((), &ModelBlock<T>, [T; 3], [T; 3], T, T, T) -> ([T; 3], [T; 3]),
+    /// [`Model::launch`].
+    pub launch: fn((), &ModelBlock<T>, [T; 3], [T; 3], T, T) -> ([T; 3], T, T),
+    /// [`Model::observe`].
+    pub observe: fn((), &ModelBlock<T>, [T; 3], [T; 3], T, T, T) -> ([T; 3], T, T),
+    /// [`Model::frame`].
+    pub frame: fn((), &ModelBlock<T>, [T; 3]) -> ([T; 3], [T; 3]),
+    /// [`Model::far_frequency`].
+    pub far_frequency: fn((), &ModelBlock<T>, [T; 3], T) -> T,
+    /// [`Model::matter_frequency`].
+    pub matter_frequency: fn((), &ModelBlock<T>, [T; 3], [T; 3], T, T, [T; 3]) -> T,
+    /// [`Model::capture_distance`].
+    pub capture_distance: fn((), &ModelBlock<T>, [T; 3], [T; 3], T, T) -> T,
+    /// [`Model::coordinate_radius`].
+    pub coordinate_radius: fn((), &ModelBlock<T>, [T; 3]) -> T,
+    /// [`Model::safe_step`].
+    pub safe_step: fn((), &ModelBlock<T>, [T; 3]) -> T,
+}
+
+impl<T: Lane<Real = T, Mask = bool, Token = ()>> PointFunctions<T> {
+    /// The functions of a model.
+    pub fn of(kind: ModelKind) -> Self {
+        macro_rules! choose {
+            ($(($name:ident, $stem:ident, $class:ident)),+ $(,)?) => {
+                match kind { $(ModelKind::$name => Self::of_model::<crate::spacetime::$name>()),+ }
+            };
+        }
+        crate::for_each_model!(choose)
+    }
+
+    fn of_model<M: Model>() -> Self {
+        PointFunctions {
+            rate: M::rate::<T>,
+            launch: M::launch::<T>,
+            observe: M::observe::<T>,
+            frame: M::frame::<T>,
+            far_frequency: M::far_frequency::<T>,
+            matter_frequency: M::matter_frequency::<T>,
+            capture_distance: M::capture_distance::<T>,
+            coordinate_radius: M::coordinate_radius::<T>,
+            safe_step: M::safe_step::<T>,
+        }
+    }
+}
+
+/// State of a ray and its derivatives by the parameter.
 #[derive(Clone, Copy)]
 pub struct Flight<L> {
     /// Position.
     pub x: [L; 3],
-    /// Momentum x'; its length is the refractive index.
+    /// Momentum.
     pub p: [L; 3],
-    /// Force p' = n grad n at `x`.
+    /// Velocity x'.
+    pub v: [L; 3],
+    /// Force p'.
     pub a: [L; 3],
 }
+
+/// What stays the same along a ray.
+#[derive(Clone, Copy)]
+pub struct Charge<L> {
+    /// Conserved energy.
+    pub energy: L,
+    /// +1 into the future, -1 into the past.
+    pub sense: L,
+}
+
+/// Most stages of a Runge-Kutta method, as an array's length.
+pub const STAGES: usize = MAX_STAGES as usize;
+/// Entries of a packed tableau: stages, whether it estimates its error, nodes, error weights, matrix rows.
+pub const TABLEAU_SIZE: usize = 2 + 2 * STAGES + STAGES * STAGES;
 
 /// a + b f.
 #[inline(always)]
@@ -61,38 +182,52 @@ pub fn along<L: Lane>(a: [L; 3], b: [L; 3], f: L) -> [L; 3] {
     [b[0].mul_add(f, a[0]), b[1].mul_add(f, a[1]), b[2].mul_add(f, a[2])]
 }
 
-/// Force p' = n grad n.
+/// Velocity and force at a point of a ray.
 #[inline(always)]
-pub fn force<M: Model, L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, x: [L; 3], energy: L) -> [L; 3] {
-    let (n, gradient) = M::medium(token, model, x, energy);
-    [gradient[0] * n, gradient[1] * n, gradient[2] * n]
+pub fn rate_at<M: Model, L: Lane>(
+    token: L::Token,
+    model: &ModelBlock<L::Real>,
+    charge: &Charge<L>,
+    x: [L; 3],
+    p: [L; 3],
+    parameter: L,
+) -> Flight<L> {
+    let (v, a) = M::rate(token, model, x, p, charge.energy, charge.sense, parameter);
+    Flight { x, p, v, a }
 }
 
-/// One RKN4(3) step of length `h`; returns the new state and the local error of position and of h times momentum.
+/// Force of a medium, which depends on the position only.
+#[inline(always)]
+pub fn nystrom_force<M: Model, L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, charge: &Charge<L>, x: [L; 3], p: [L; 3]) -> [L; 3] {
+    rate_at::<M, L>(token, model, charge, x, p, charge.energy).a
+}
+
+/// One RKN4(3) step of length `h` through a medium, whose force depends on the position only; returns the new state and the local
+/// error of position and of h times momentum.
 #[inline(always)]
 pub fn nystrom_step<M: Model, L: Lane>(
     token: L::Token,
     model: &ModelBlock<L::Real>,
-    energy: L,
+    charge: &Charge<L>,
     flight: &Flight<L>,
     h: L,
 ) -> (Flight<L>, L) {
     let h2 = h * h;
     let k0 = flight.a;
     let x1 = along(along(flight.x, flight.p, h * L::constant(token, RKN_C1)), k0, h2 * L::constant(token, RKN_A10));
-    let k1 = force::<M, L>(token, model, x1, energy);
+    let k1 = nystrom_force::<M, L>(token, model, charge, x1, flight.p);
     let x2 = along(
         along(along(flight.x, flight.p, h * L::constant(token, RKN_C2)), k0, h2 * L::constant(token, RKN_A20)),
         k1,
         h2 * L::constant(token, RKN_A21),
     );
-    let k2 = force::<M, L>(token, model, x2, energy);
+    let k2 = nystrom_force::<M, L>(token, model, charge, x2, flight.p);
     let x = along(
         along(along(along(flight.x, flight.p, h), k0, h2 * L::constant(token, RKN_B0)), k1, h2 * L::constant(token, RKN_B1)),
         k2,
         h2 * L::constant(token, RKN_B2),
     );
-    let k3 = force::<M, L>(token, model, x, energy);
+    let k3 = nystrom_force::<M, L>(token, model, charge, x, flight.p);
     let p = along(
         along(
             along(along(flight.p, k0, h * L::constant(token, RKN_V0)), k1, h * L::constant(token, RKN_V1)),
@@ -114,7 +249,82 @@ pub fn nystrom_step<M: Model, L: Lane>(
         L::constant(token, RKN_F3),
     );
     let error = (dot(ex, ex) + dot(ep, ep)).sqrt() * h2;
-    (Flight { x, p, a: k3 }, error)
+    (Flight { x, p, v: p, a: k3 }, error)
+}
+
+/// One step of the Runge-Kutta method that `model.tableau` holds. Its last stage is evaluated at the new state, so a step costs one
+/// evaluation fewer than it has stages. Returns the new state and the local error: of position, and of direction times length.
+#[inline(always)]
+pub fn runge_kutta_step<M: Model, L: Lane>(
+    token: L::Token,
+    model: &ModelBlock<L::Real>,
+    charge: &Charge<L>,
+    flight: &Flight<L>,
+    parameter: L,
+    h: L,
+) -> (Flight<L>, L) {
+    let tableau = &model.tableau;
+    let stages = tableau[0].to_f64() as usize;
+    let mut v = [flight.v; STAGES];
+    let mut a = [flight.a; STAGES];
+    let mut state = *flight;
+    for i in 1..stages {
+        let row = 2 + 2 * STAGES + i * STAGES;
+        let (mut x, mut p) = (flight.x, flight.p);
+        for j in 0..i {
+            let weight = h * L::splat(token, tableau[row + j]);
+            x = along(x, v[j], weight);
+            p = along(p, a[j], weight);
+        }
+        state = rate_at::<M, L>(token, model, charge, x, p, h.mul_add(L::splat(token, tableau[2 + i]), parameter));
+        v[i] = state.v;
+        a[i] = state.a;
+    }
+    let (mut ex, mut ep) = ([L::constant(token, 0.0); 3], [L::constant(token, 0.0); 3]);
+    for j in 0..stages {
+        let weight = L::splat(token, tableau[2 + STAGES + j]);
+        ex = along(ex, v[j], weight);
+        ep = along(ep, a[j], weight);
+    }
+    let turn = h * h * dot(flight.v, flight.v) / dot(flight.p, flight.p);
+    let error = (dot(ex, ex) + dot(ep, ep) * turn).sqrt() * h.max(-h);
+    (state, error)
+}
+
+/// Symplectic Euler (Satoh 2003): p += h force(x, p), implicitly, then x += h velocity(x, p) with the new p. Where the force depends on
+/// the momentum the fixed point is iterated `SYMPLECTIC_ITERATIONS` times.
+#[inline(always)]
+pub fn symplectic_step<M: Model, L: Lane>(
+    token: L::Token,
+    model: &ModelBlock<L::Real>,
+    charge: &Charge<L>,
+    flight: &Flight<L>,
+    parameter: L,
+    h: L,
+) -> Flight<L> {
+    let mut at = *flight;
+    for _ in 0..SYMPLECTIC_ITERATIONS {
+        at = rate_at::<M, L>(token, model, charge, flight.x, along(flight.p, at.a, h), parameter);
+    }
+    rate_at::<M, L>(token, model, charge, along(flight.x, at.v, h), at.p, parameter + h)
+}
+
+/// Leapfrog through a medium: half a kick, a drift, half a kick (Stoermer and Verlet).
+#[inline(always)]
+pub fn leapfrog_step<M: Model, L: Lane>(
+    token: L::Token,
+    model: &ModelBlock<L::Real>,
+    charge: &Charge<L>,
+    flight: &Flight<L>,
+    parameter: L,
+    h: L,
+) -> Flight<L> {
+    let half = h * L::constant(token, 0.5);
+    let p = along(flight.p, flight.a, half);
+    let mut to = rate_at::<M, L>(token, model, charge, along(flight.x, p, h), p, parameter + h);
+    to.p = along(p, to.a, half);
+    to.v = to.p;
+    to
 }
 
 /// Factor for the next step length after a step whose error is `error` where `tolerance` is allowed.
@@ -127,39 +337,41 @@ pub fn step_factor<L: Lane>(token: L::Token, error: L, tolerance: L) -> L {
     L::select(error.lt(tolerance * L::constant(token, 1e30)), factor, L::constant(token, STEP_SHRINK))
 }
 
-/// First step length: the safe step, or a share of the local radius of curvature n / |grad n| = n^2 / |force|.
+/// First step: as long as the safe step, or a share of the local radius of curvature, |v| |p| / |force|.
 #[inline(always)]
-pub fn first_step<L: Lane>(token: L::Token, index: L, a: [L; 3], safe_step: L) -> L {
-    let bend = dot(a, a).sqrt().max(L::constant(token, 1e-12));
-    let length = (index * index / bend * L::constant(token, FIRST_STEP)).min(safe_step);
-    length / index
+pub fn first_step<L: Lane>(token: L::Token, flight: &Flight<L>, safe_step: L) -> L {
+    let speed = dot(flight.v, flight.v).sqrt();
+    let bend = dot(flight.a, flight.a).sqrt().max(L::constant(token, 1e-12));
+    let radius = speed * dot(flight.p, flight.p).sqrt() / bend;
+    (radius * L::constant(token, FIRST_STEP)).min(safe_step) / speed
 }
 
-/// The thesis' recurrence: X += h V/|V|, V += kick grad n, both from the old state. `kick` is h for the equation of motion
-/// and 1 for the literal text, in which the strength acts per step.
+/// The thesis' recurrence through a medium: X += h V/|V|, V += kick grad n, both from the old state. `kick` is h for the equation of
+/// motion and 1 for the literal text, in which the strength acts per step. Not re-evaluated: velocity and force stay behind.
 #[inline(always)]
 pub fn euler_step<M: Model, L: Lane>(
     token: L::Token,
     model: &ModelBlock<L::Real>,
-    energy: L,
+    charge: &Charge<L>,
     flight: &Flight<L>,
     h: L,
     kick: L,
 ) -> Flight<L> {
-    let (_, gradient) = M::medium(token, model, flight.x, energy);
+    let gradient = M::index_gradient(token, model, flight.x, charge.energy);
     let speed = dot(flight.p, flight.p).sqrt();
-    Flight { x: along(flight.x, flight.p, h / speed), p: along(flight.p, gradient, kick), a: flight.a }
+    let p = along(flight.p, gradient, kick);
+    Flight { x: along(flight.x, flight.p, h / speed), p, v: p, a: flight.a }
 }
 
 /// Arc length of a step: Simpson's rule on |x'|, its middle taken from the dense output.
 #[inline(always)]
 pub fn arc_length<L: Lane>(token: L::Token, from: &Flight<L>, to: &Flight<L>, h: L) -> L {
     let chord = [to.x[0] - from.x[0], to.x[1] - from.x[1], to.x[2] - from.x[2]];
-    let ends = along(from.p, to.p, L::constant(token, 1.0));
+    let ends = along(from.v, to.v, L::constant(token, 1.0));
     let scale = L::constant(token, -0.25) * h;
     let c = L::constant(token, 1.5);
     let middle = along([chord[0] * c, chord[1] * c, chord[2] * c], ends, scale);
-    let size = dot(from.p, from.p).sqrt() + dot(to.p, to.p).sqrt();
+    let size = dot(from.v, from.v).sqrt() + dot(to.v, to.v).sqrt();
     let inner = dot(middle, middle).sqrt();
     let inner = L::select(h.lt(L::constant(token, 0.0)), -inner, inner);
     (size * h + inner * L::constant(token, 4.0)) * L::constant(token, 1.0 / 6.0)
@@ -193,6 +405,17 @@ pub fn asymptote<L: Lane<Mask = bool, Token = ()>>(x: [L; 3], d: [L; 3], strengt
     let turned = along(d, offset, -(strength / (r * (r + s))));
     let length = dot(turned, turned).sqrt();
     [turned[0] / length, turned[1] / length, turned[2] / length]
+}
+
+/// Isometry of a wormhole's chart that swaps its sides: inversion of `x` (relative to its center) through the sphere of radius
+/// `throat`, and of the momentum with it.
+#[inline(always)]
+pub fn invert_through<L: Lane<Mask = bool, Token = ()>>(x: [L; 3], p: [L; 3], throat: L) -> ([L; 3], [L; 3]) {
+    let share = throat * throat / dot(x, x);
+    let radial = L::constant((), -2.0) * dot(x, p) / dot(x, x);
+    let reflected = along(p, x, radial);
+    let inverse = L::constant((), 1.0) / share;
+    ([x[0] * share, x[1] * share, x[2] * share], [reflected[0] * inverse, reflected[1] * inverse, reflected[2] * inverse])
 }
 
 /// A position or direction in single precision.

@@ -53,7 +53,7 @@ pub struct Vertex {
 /// An analytic primitive.
 ///
 /// `data` is, by `kind`: sphere: center and radius; quad: corner, u and v; box: rows of the affine map from the world to the
-/// unit cube.
+/// unit cube; disc: center, inner radius, unit normal, outer radius, start of its profile.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Primitive {
@@ -87,8 +87,16 @@ pub struct Material {
     pub roughness_texture: u32,
     /// Texture of `emission`, or `NO_INDEX`.
     pub emission_texture: u32,
-    /// `MATERIAL_TWO_SIDED`.
+    /// `MATERIAL_TWO_SIDED`, `MATERIAL_TEXTURED`, `MATERIAL_OPAQUE`.
     pub flags: u32,
+    /// Temperature of a black body whose radiance `emission` scales, the hottest one of an accretion disc (kelvin); 0 for plain emission.
+    pub temperature: f32,
+    /// Start of an accretion disc's profile.
+    pub profile: u32,
+    /// Inner radius of an accretion disc.
+    pub inner_radius: f32,
+    /// Outer radius of an accretion disc.
+    pub outer_radius: f32,
 }
 
 /// An image in the pool of texels (RGBA, half floats, linear).
@@ -121,6 +129,32 @@ pub struct Light {
     pub cumulative: f32,
 }
 
+/// One sky. A wormhole has two.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct EnvironmentParameters {
+    /// Constant colour, or the colour at the zenith, or the grid's lines.
+    pub color: [f32; 3],
+    /// `ENVIRONMENT_*`.
+    pub kind: u32,
+    /// Colour at the horizon, or the grid's ground.
+    pub horizon: [f32; 3],
+    /// Factor on an image; line width of a grid in radians.
+    pub scale: f32,
+    /// Colour at the nadir.
+    pub nadir: [f32; 3],
+    /// Rotation about the vertical (radians); spacing of a grid's lines (radians).
+    pub angle: f32,
+    /// Texture of an image, or `NO_INDEX`.
+    pub texture_index: u32,
+    /// Columns of the table directions are sampled from; 0 if they are not.
+    pub columns: u32,
+    /// Rows of that table.
+    pub rows: u32,
+    /// Temperature of the black body whose radiance the colours scale (kelvin); 0 for plain colours.
+    pub temperature: f32,
+}
+
 /// Everything about a scene that is not an array.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -141,18 +175,12 @@ pub struct SceneParameters {
     pub camera_forward: [f32; 3],
     /// Distance of the plane in focus.
     pub focus_distance: f32,
-    /// Constant colour, or the colour at the zenith, or the grid's lines.
-    pub environment_color: [f32; 3],
-    /// `ENVIRONMENT_*`.
-    pub environment_kind: u32,
-    /// Colour at the horizon, or the grid's ground.
-    pub environment_horizon: [f32; 3],
-    /// Factor on an image; line width of a grid in radians.
-    pub environment_scale: f32,
-    /// Colour at the nadir.
-    pub environment_nadir: [f32; 3],
-    /// Rotation about the vertical (radians); spacing of a grid's lines (radians).
-    pub environment_angle: f32,
+    /// Velocity of the observer at the camera against the Eulerian one, in units of light's.
+    pub camera_velocity: [f32; 3],
+    /// Root of the BVH on the far side of a wormhole.
+    pub far_root: u32,
+    /// The skies of both sides.
+    pub environment: [EnvironmentParameters; 2],
     /// Center of the region that bends light.
     pub region_center: [f32; 3],
     /// Its radius.
@@ -193,12 +221,8 @@ pub struct SceneParameters {
     pub max_depth: u32,
     /// Lights in the list; the environment, if sampled, is the last.
     pub light_count: u32,
-    /// Texture of the environment, or `NO_INDEX`.
-    pub environment_texture: u32,
-    /// Columns and rows of the table the environment is sampled from; 0 if it is not.
-    pub environment_columns: u32,
-    /// Rows of that table.
-    pub environment_rows: u32,
+    /// 1 if space is not conformally flat, so that surfaces must be seen in the local frame.
+    pub local_frames: u32,
     /// Largest share of samples that go towards lights (0 switches light sampling off).
     pub light_share: f32,
 }

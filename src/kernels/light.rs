@@ -4,7 +4,7 @@
 //! (`path.rs`) weights by density over directions, so it stays unbiased however the rays bend; bending only costs efficiency.
 
 use super::constants::*;
-use super::layout::Light;
+use super::layout::{EnvironmentParameters, Light};
 use super::primitive::intersect_quad;
 use super::sampling::{sin_cos_turns, spherical_direction, world_from_frame};
 use super::texture::sample_texture;
@@ -106,48 +106,46 @@ pub fn lights_pdf(view: &SceneView, chosen: u32, position: Vec3, direction: Vec3
 
 /// Position of a direction on an equirectangular image, (0, 0) at the lower left.
 #[inline(always)]
-pub fn environment_uv(view: &SceneView, direction: Vec3) -> Vec2 {
-    let azimuth = direction.x.atan2(-direction.z) + view.scene.environment_angle;
+pub fn environment_uv(environment: &EnvironmentParameters, direction: Vec3) -> Vec2 {
+    let azimuth = direction.x.atan2(-direction.z) + environment.angle;
     vec2(azimuth / TAU + 0.5, 1.0 - direction.y.clamp(-1.0, 1.0).acos() * INV_PI)
 }
 
 /// Radiance of a regular grid of lines on the sky.
 #[inline(always)]
-pub fn grid_radiance(view: &SceneView, direction: Vec3) -> Vec3 {
-    let scene = view.scene;
-    let spacing = scene.environment_angle;
+pub fn grid_radiance(environment: &EnvironmentParameters, direction: Vec3) -> Vec3 {
+    let spacing = environment.angle;
     let polar = direction.y.clamp(-1.0, 1.0).acos() / spacing;
     let azimuth = direction.x.atan2(-direction.z) / spacing;
     let from_polar = (polar - (polar + 0.5).floor()).abs() * spacing;
     let from_azimuth = (azimuth - (azimuth + 0.5).floor()).abs() * spacing;
     let sin_polar = (1.0 - direction.y * direction.y).max(0.0).sqrt();
-    let on_line = from_polar < 0.5 * scene.environment_scale || from_azimuth * sin_polar < 0.5 * scene.environment_scale;
+    let on_line = from_polar < 0.5 * environment.scale || from_azimuth * sin_polar < 0.5 * environment.scale;
     if on_line {
-        return scene.environment_color.into();
+        return environment.color.into();
     }
-    let north = Vec3::from(scene.environment_horizon);
-    let south = Vec3::from(scene.environment_nadir);
+    let north = Vec3::from(environment.horizon);
+    let south = Vec3::from(environment.nadir);
     if direction.y > 0.0 { north } else { south }
 }
 
-/// Radiance that arrives from the unit direction at infinity.
+/// Radiance that arrives from the unit direction at infinity of one side.
 #[inline(always)]
-pub fn environment_radiance(view: &SceneView, direction: Vec3) -> Vec3 {
-    let scene = view.scene;
-    let color = Vec3::from(scene.environment_color);
-    if scene.environment_kind == ENVIRONMENT_CONSTANT {
+pub fn environment_radiance(view: &SceneView, environment: &EnvironmentParameters, direction: Vec3) -> Vec3 {
+    let color = Vec3::from(environment.color);
+    if environment.kind == ENVIRONMENT_CONSTANT {
         return color;
     }
-    if scene.environment_kind == ENVIRONMENT_GRADIENT {
-        let horizon = Vec3::from(scene.environment_horizon);
-        let end = if direction.y > 0.0 { color } else { Vec3::from(scene.environment_nadir) };
+    if environment.kind == ENVIRONMENT_GRADIENT {
+        let horizon = Vec3::from(environment.horizon);
+        let end = if direction.y > 0.0 { color } else { Vec3::from(environment.nadir) };
         return horizon + (end - horizon) * direction.y.abs().sqrt();
     }
-    if scene.environment_kind == ENVIRONMENT_GRID {
-        return grid_radiance(view, direction);
+    if environment.kind == ENVIRONMENT_GRID {
+        return grid_radiance(environment, direction);
     }
-    let texel = sample_texture(view, scene.environment_texture, environment_uv(view, direction));
-    vec3(texel.x, texel.y, texel.z) * scene.environment_scale
+    let texel = sample_texture(view, environment.texture_index, environment_uv(environment, direction));
+    vec3(texel.x, texel.y, texel.z) * environment.scale
 }
 
 /// Index of the interval of a cumulative table of `count` entries from `first` that holds `u`.
@@ -166,11 +164,11 @@ pub fn search_cdf(view: &SceneView, first: u32, count: u32, u: f32) -> u32 {
     low
 }
 
-/// Direction distributed as the brightness of the environment image.
+/// Direction distributed as the brightness of the environment image of the near side.
 #[inline(always)]
 pub fn sample_environment(view: &SceneView, u: Vec2) -> Vec3 {
-    let scene = view.scene;
-    let (columns, rows) = (scene.environment_columns, scene.environment_rows);
+    let environment = &view.scene.environment[0];
+    let (columns, rows) = (environment.columns, environment.rows);
     let row = search_cdf(view, 0, rows, u.y);
     let row_low = if row == 0 { 0.0 } else { view.environment_cdf(row - 1) };
     let row_high = view.environment_cdf(row);
@@ -182,7 +180,7 @@ pub fn sample_environment(view: &SceneView, u: Vec2) -> Vec3 {
     let t = (row as f32 + ((u.y - row_low) / (row_high - row_low)).clamp(0.0, 1.0)) / rows as f32;
     // Rows count from the zenith.
     let polar = sin_cos_turns(t * 0.5);
-    let turns = s - 0.5 - scene.environment_angle / TAU;
+    let turns = s - 0.5 - environment.angle / TAU;
     let around = sin_cos_turns(turns - turns.floor());
     vec3(around.x * polar.x, polar.y, -around.y * polar.x)
 }
@@ -190,9 +188,9 @@ pub fn sample_environment(view: &SceneView, u: Vec2) -> Vec3 {
 /// Density of `sample_environment` (1/sr).
 #[inline(always)]
 pub fn environment_pdf(view: &SceneView, direction: Vec3) -> f32 {
-    let scene = view.scene;
-    let (columns, rows) = (scene.environment_columns, scene.environment_rows);
-    let uv = environment_uv(view, direction);
+    let environment = &view.scene.environment[0];
+    let (columns, rows) = (environment.columns, environment.rows);
+    let uv = environment_uv(environment, direction);
     let column = (((uv.x - uv.x.floor()) * columns as f32) as u32).min(columns - 1);
     let row = (((1.0 - uv.y) * rows as f32) as u32).min(rows - 1);
     let first = rows + row * columns;

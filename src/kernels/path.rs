@@ -4,6 +4,7 @@
 //! density of the whole mixture over directions (with many lights: given the light that was chosen, as unbiased). Emission is
 //! therefore always counted in full where a path meets it, and nothing needs to know whether the ray in between was straight.
 
+use super::bvh::Hit;
 use super::camera::{camera_ray, sample_filter};
 use super::constants::*;
 use super::layout::{Aov, Material, Vertex};
@@ -35,6 +36,10 @@ pub struct PathState {
     pub radiance: Vec3,
     /// Dielectrics the path is inside of: material + 1 in 16-bit fields, the innermost lowest.
     pub media: [u32; 2],
+    /// Frequency on the film over frequency at the start of the next ray, for the Eulerian observer there.
+    pub frequency_ratio: f32,
+    /// Side of a wormhole the path is on: 0 or 1.
+    pub side: u32,
 }
 
 /// Where a ray ended.
@@ -54,14 +59,22 @@ pub struct Arrival {
     pub v: f32,
     /// Coordinate length of the ray.
     pub path_length: f32,
-    /// Frequency at the start over frequency at the end, for static observers and light travelling back along the ray.
+    /// Frequency at the start over frequency at the end, for Eulerian observers and light travelling back along the ray.
     pub redshift: f32,
     /// Integration steps.
     pub steps: u32,
     /// Chords that were handed to the BVH.
     pub chords: u32,
-    /// Largest relative drift of |p| from n.
+    /// Relative drift of the conserved Hamiltonian.
     pub constraint_error: f32,
+    /// Diagonal of the local frame L at a hit; see [`super::integrator::Model::frame`].
+    pub frame_diagonal: Vec3,
+    /// L10, L20, L21.
+    pub frame_lower: Vec3,
+    /// Frequency at the end over that which orbiting matter there emits: 1 but for accretion discs.
+    pub doppler: f32,
+    /// Side of a wormhole the ray ended on.
+    pub side: u32,
 }
 
 /// A point of a surface.
@@ -87,7 +100,7 @@ pub fn start_path(view: &SceneView, x: u32, y: u32, sample_index: u32) -> PathSt
     let offset = sample_filter(scene.filter_kind, random_pair(seed, 0, sample_index));
     let film = vec2(x as f32 + 0.5, y as f32 + 0.5) + offset;
     let lens = if scene.aperture_radius > 0.0 { random_pair(seed, 1, sample_index) } else { Vec2::ZERO };
-    let (origin, direction) = camera_ray(scene, film, lens);
+    let (origin, direction, frequency_ratio) = camera_ray(scene, film, lens);
     PathState {
         origin,
         width: scene.cone_width,
@@ -97,6 +110,8 @@ pub fn start_path(view: &SceneView, x: u32, y: u32, sample_index: u32) -> PathSt
         bounce: 0,
         radiance: Vec3::ZERO,
         media: [0; 2],
+        frequency_ratio,
+        side: 0,
     }
 }
 
@@ -108,6 +123,13 @@ fn vertex_normal(vertex: &Vertex) -> Vec3 {
 #[inline(always)]
 fn vertex_uv(vertex: &Vertex) -> Vec2 {
     Vec2::from(vertex.uv)
+}
+
+/// A surface normal (a covector, not of unit length) as the local observer sees it: L^T n, normalised.
+#[inline(always)]
+pub fn local_normal(normal: Vec3, arrival: &Arrival) -> Vec3 {
+    let (d, l) = (arrival.frame_diagonal, arrival.frame_lower);
+    vec3(d.x * normal.x + l.x * normal.y + l.y * normal.z, d.y * normal.y + l.z * normal.z, d.z * normal.z).normalize()
 }
 
 /// Geometry at a hit.
@@ -203,10 +225,30 @@ pub fn roughness_at(view: &SceneView, material: &Material, uv: Vec2) -> f32 {
     material.roughness * sample_texture(view, material.roughness_texture, uv).y
 }
 
-/// Radiance a material emits at `uv`.
+/// Radiance of a black body of `temperature` (kelvin), in units in which the luminance at 6500 K is 1.
 #[inline(always)]
-pub fn emission_at(view: &SceneView, material: &Material, uv: Vec2) -> Vec3 {
-    let emission = Vec3::from(material.emission);
+pub fn black_body(view: &SceneView, temperature: f32) -> Vec3 {
+    if temperature < BLACK_BODY_MIN {
+        return Vec3::ZERO;
+    }
+    let last = (BLACK_BODY_SIZE - 1) as f32;
+    let at = (temperature / BLACK_BODY_MIN).ln() / (BLACK_BODY_MAX / BLACK_BODY_MIN).ln() * last;
+    let index = at.min(last - 1.0).floor();
+    let low = view.black_body_entry(index as u32);
+    let high = view.black_body_entry(index as u32 + 1);
+    let entry = low + (high - low) * (at - index).min(1.0);
+    // Beyond the table radiance grows in proportion to temperature (Rayleigh and Jeans).
+    vec3(entry.x, entry.y, entry.z) * (entry.w.exp() * (temperature / BLACK_BODY_MAX).max(1.0))
+}
+
+/// Radiance a material emits at `uv`, its spectrum shifted by `frequency_ratio` (seen over emitted) if it is thermal: a black body
+/// of temperature T is seen as one of temperature g T exactly.
+#[inline(always)]
+pub fn emission_at(view: &SceneView, material: &Material, uv: Vec2, frequency_ratio: f32) -> Vec3 {
+    let mut emission = Vec3::from(material.emission);
+    if material.temperature > 0.0 {
+        emission *= black_body(view, material.temperature * frequency_ratio);
+    }
     if material.emission_texture == NO_INDEX {
         return emission;
     }
@@ -214,11 +256,42 @@ pub fn emission_at(view: &SceneView, material: &Material, uv: Vec2) -> Vec3 {
     emission * vec3(texel.x, texel.y, texel.z)
 }
 
+/// Temperature (as a share of the highest) and angular velocity of an accretion disc at `radius` from its center.
+#[inline(always)]
+pub fn disc_profile(view: &SceneView, material: &Material, radius: f32) -> Vec2 {
+    let last = (DISC_PROFILE_SIZE - 1) as f32;
+    let at = (radius - material.inner_radius) / (material.outer_radius - material.inner_radius) * last;
+    let index = at.floor().clamp(0.0, last - 1.0);
+    let low = view.profile_entry(material.profile + index as u32);
+    let high = view.profile_entry(material.profile + index as u32 + 1);
+    low + (high - low) * (at - index).clamp(0.0, 1.0)
+}
+
+/// Coordinate velocity dx/dt of the orbiting matter that was hit, if it was an accretion disc.
+#[inline(always)]
+pub fn matter_velocity(view: &SceneView, hit: &Hit, position: Vec3) -> Option<Vec3> {
+    if hit.primitive == NO_INDEX || hit.primitive & HIT_PRIMITIVE == 0 {
+        return None;
+    }
+    let primitive = view.primitive(hit.primitive & CHILD_INDEX);
+    if primitive.kind != PRIMITIVE_DISC {
+        return None;
+    }
+    let d = &primitive.data;
+    let omega = disc_profile(view, view.material(primitive.object), hit.u).y;
+    Some(vec3(d[4], d[5], d[6]).cross(position - vec3(d[0], d[1], d[2])) * omega)
+}
+
 /// Adds what the sky sends along an escaped ray.
 #[inline(always)]
 pub fn escape(view: &SceneView, path: &mut PathState, arrival: &Arrival) {
     if arrival.status == STATUS_ESCAPED {
-        path.radiance += path.throughput * environment_radiance(view, arrival.direction);
+        let environment = &view.scene.environment[arrival.side as usize];
+        let mut radiance = environment_radiance(view, environment, arrival.direction);
+        if environment.temperature > 0.0 {
+            radiance *= black_body(view, environment.temperature * path.frequency_ratio * arrival.redshift);
+        }
+        path.radiance += path.throughput * radiance;
     }
 }
 
@@ -236,19 +309,42 @@ pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, 
         path.throughput *= (-absorption * arrival.path_length).exp();
     }
 
+    // See the surface in the frame of the local observer.
+    let (mut outward, mut shading) = (surface.normal_geometric, surface.normal_shading);
+    if scene.local_frames != 0 {
+        outward = local_normal(outward, arrival);
+        shading = local_normal(shading, arrival);
+    }
+    path.frequency_ratio *= arrival.redshift;
+    path.side = arrival.side;
+
     // Count emission, on the outer side or on both.
     let wo = -arrival.direction;
-    let outside = surface.normal_geometric.dot(wo) > 0.0;
+    let outside = outward.dot(wo) > 0.0;
+    let offset = ORIGIN_OFFSET * surface.position.abs().max_element() + scene.origin_offset;
+    if material.kind == MATERIAL_ACCRETION {
+        let hottest = material.temperature * disc_profile(view, material, surface.uv.x).x;
+        let thermal = black_body(view, hottest * path.frequency_ratio * arrival.doppler);
+        path.radiance += path.throughput * Vec3::from(material.emission) * thermal;
+        if (material.flags & MATERIAL_OPAQUE) != 0 {
+            return false;
+        }
+        // Light from behind passes as it came.
+        path.origin = surface.position + surface.normal_geometric * if outside { -offset } else { offset };
+        path.direction = arrival.direction;
+        path.width += path.spread * arrival.path_length;
+        return true;
+    }
     if outside || (material.flags & MATERIAL_TWO_SIDED) != 0 {
-        path.radiance += path.throughput * emission_at(view, material, surface.uv);
+        path.radiance += path.throughput * emission_at(view, material, surface.uv, path.frequency_ratio);
     }
     if material.kind == MATERIAL_EMISSIVE || path.bounce >= scene.max_depth {
         return false;
     }
 
     // Turn the normals to the side the ray came from.
-    let geometric = if outside { surface.normal_geometric } else { -surface.normal_geometric };
-    let mut normal = surface.normal_shading;
+    let geometric = if outside { outward } else { -outward };
+    let mut normal = shading;
     normal = if normal.dot(geometric) < 0.0 { -normal } else { normal };
     normal = if normal.dot(wo) < 1e-4 { geometric } else { normal };
     let wo_local = frame_from_world(normal, wo);
@@ -320,8 +416,7 @@ pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, 
     }
 
     // Leave the surface.
-    let offset = ORIGIN_OFFSET * surface.position.abs().max_element() + scene.origin_offset;
-    path.origin = surface.position + geometric * if reflects { offset } else { -offset };
+    path.origin = surface.position + surface.normal_geometric * if reflects == outside { offset } else { -offset };
     path.direction = wi;
     path.width += path.spread * arrival.path_length;
     let scatter = if material.kind == MATERIAL_DIFFUSE { 1.0 } else { bsdf.alpha.min(1.0) };
@@ -345,7 +440,7 @@ pub fn hit_aov(view: &SceneView, surface: &Surface, arrival: &Arrival) -> Aov {
 #[inline(always)]
 pub fn miss_aov(arrival: &Arrival) -> Aov {
     Aov {
-        redshift: arrival.redshift,
+        redshift: arrival.redshift * arrival.doppler,
         distance: arrival.path_length,
         constraint_error: arrival.constraint_error,
         status: arrival.status,

@@ -62,6 +62,17 @@ pub fn intersect_box(origin: Vec3, direction: Vec3, primitive: &Primitive, t_max
     if near <= far && t > 0.0 && t < t_max { t } else { -1.0 }
 }
 
+/// Ray parameter (or -1) where the ray meets an annulus, and the distance from its center there.
+#[inline(always)]
+pub fn intersect_disc(origin: Vec3, direction: Vec3, primitive: &Primitive, t_max: f32) -> Vec3 {
+    let d = &primitive.data;
+    let from_center = origin - vec3(d[0], d[1], d[2]);
+    let normal = vec3(d[4], d[5], d[6]);
+    let t = -from_center.dot(normal) / direction.dot(normal);
+    let radius = (from_center + direction * t).length();
+    if t > 0.0 && t < t_max && radius >= d[3] && radius <= d[7] { vec3(t, radius, 0.0) } else { vec3(-1.0, 0.0, 0.0) }
+}
+
 /// Ray parameter (or -1) and surface coordinates where the ray meets `primitive`.
 #[inline(always)]
 pub fn intersect_primitive(primitive: &Primitive, origin: Vec3, direction: Vec3, t_max: f32) -> Vec3 {
@@ -72,6 +83,9 @@ pub fn intersect_primitive(primitive: &Primitive, origin: Vec3, direction: Vec3,
     }
     if primitive.kind == PRIMITIVE_QUAD {
         return intersect_quad(origin, direction, first, vec3(d[3], d[4], d[5]), vec3(d[6], d[7], d[8]), t_max);
+    }
+    if primitive.kind == PRIMITIVE_DISC {
+        return intersect_disc(origin, direction, primitive, t_max);
     }
     vec3(intersect_box(origin, direction, primitive, t_max), 0.0, 0.0)
 }
@@ -101,6 +115,9 @@ pub fn primitive_normal(primitive: &Primitive, position: Vec3) -> Vec3 {
     if primitive.kind == PRIMITIVE_QUAD {
         return vec3(d[3], d[4], d[5]).cross(vec3(d[6], d[7], d[8])).normalize();
     }
+    if primitive.kind == PRIMITIVE_DISC {
+        return vec3(d[4], d[5], d[6]);
+    }
     let face = box_face(box_local(primitive, position));
     let row = 4 * (face / 2);
     let normal = vec3(d[row], d[row + 1], d[row + 2]).normalize();
@@ -120,7 +137,7 @@ pub fn primitive_uv(primitive: &Primitive, position: Vec3, uv: Vec2) -> Vec2 {
         let n = primitive_normal(primitive, position);
         return vec2(0.5 + n.x.atan2(n.z) / TAU, 1.0 - n.y.clamp(-1.0, 1.0).acos() * INV_PI);
     }
-    if primitive.kind == PRIMITIVE_QUAD {
+    if primitive.kind == PRIMITIVE_QUAD || primitive.kind == PRIMITIVE_DISC {
         return uv;
     }
     let local = box_local(primitive, position);

@@ -1,7 +1,7 @@
 //! What kernels read of a world, through the same accessors as `shaders/bindings.glsl`.
 
 use super::layout::*;
-use glam::Vec4;
+use glam::{Vec2, Vec4};
 
 /// Borrowed arrays of a world.
 #[derive(Clone, Copy)]
@@ -34,13 +34,17 @@ pub struct SceneView<'a> {
     pub clearance: &'a [u8],
     /// Directional albedo of GGX by roughness (rows) and cosine.
     pub albedo: &'a [f32],
+    /// Black bodies by temperature: linear sRGB of luminance 1, logarithm of the luminance.
+    pub black_bodies: &'a [[f32; 4]],
+    /// Profiles of accretion discs: temperature as a share of the highest, coordinate angular velocity.
+    pub profiles: &'a [[f32; 2]],
 }
 
 impl SceneView<'_> {
-    /// The BVH's root as a child reference.
+    /// The root of the BVH of one side of a wormhole, or of the whole scene, as a child reference.
     #[inline(always)]
-    pub fn root(&self) -> u32 {
-        0
+    pub fn scene_root(&self, side: u32) -> u32 {
+        if side == 0 { 0 } else { self.scene.far_root }
     }
     /// A node.
     #[inline(always)]
@@ -98,9 +102,14 @@ impl SceneView<'_> {
     pub fn albedo(&self, index: u32) -> f32 {
         self.albedo[index as usize]
     }
-    /// Distance to the nearest geometry in quarters of a cell.
+    /// An entry of the table of black bodies.
     #[inline(always)]
-    pub fn clearance(&self, cell: u32) -> f32 {
-        self.clearance[cell as usize] as f32
+    pub fn black_body_entry(&self, index: u32) -> Vec4 {
+        Vec4::from(self.black_bodies[index as usize])
+    }
+    /// An entry of a disc's profile.
+    #[inline(always)]
+    pub fn profile_entry(&self, index: u32) -> Vec2 {
+        Vec2::from(self.profiles[index as usize])
     }
 }

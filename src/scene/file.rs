@@ -19,6 +19,7 @@ pub struct SceneFile {
     pub r#box: Vec<BoxTable>,
     pub quad: Vec<QuadTable>,
     pub mesh: Vec<MeshTable>,
+    pub accretion_disc: Vec<AccretionDiscTable>,
 }
 
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq)]
@@ -39,6 +40,7 @@ pub struct CameraTable {
     pub fov_degrees: FieldOfView,
     pub aperture_radius: NonNegative,
     pub focus_distance: Option<Positive>,
+    pub velocity: Option<Spanned<Vector>>,
 }
 
 fn unspanned<T>(value: T) -> Spanned<T> {
@@ -59,6 +61,7 @@ impl Default for CameraTable {
             fov_degrees: FieldOfView(40.0),
             aperture_radius: NonNegative(0.0),
             focus_distance: None,
+            velocity: None,
         }
     }
 }
@@ -120,7 +123,68 @@ pub enum SpacetimeKind {
     #[default]
     Flat,
     Gravity,
+    Lorenz,
+    Rossler,
+    Parametric,
+    Grin,
     Schwarzschild,
+    ReissnerNordstrom,
+    Kerr,
+    KerrNewman,
+    MajumdarPapapetrou,
+    WeakLens,
+    Alcubierre,
+    Ellis,
+    Dneg,
+}
+
+impl SpacetimeKind {
+    /// The name in scene files.
+    pub fn name(self) -> &'static str {
+        match self {
+            SpacetimeKind::Flat => "flat",
+            SpacetimeKind::Gravity => "gravity",
+            SpacetimeKind::Lorenz => "lorenz",
+            SpacetimeKind::Rossler => "rossler",
+            SpacetimeKind::Parametric => "parametric",
+            SpacetimeKind::Grin => "grin",
+            SpacetimeKind::Schwarzschild => "schwarzschild",
+            SpacetimeKind::ReissnerNordstrom => "reissner-nordstrom",
+            SpacetimeKind::Kerr => "kerr",
+            SpacetimeKind::KerrNewman => "kerr-newman",
+            SpacetimeKind::MajumdarPapapetrou => "majumdar-papapetrou",
+            SpacetimeKind::WeakLens => "weak-lens",
+            SpacetimeKind::Alcubierre => "alcubierre",
+            SpacetimeKind::Ellis => "ellis",
+            SpacetimeKind::Dneg => "dneg",
+        }
+    }
+}
+
+/// `profile` of a gradient-index medium.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+pub enum Profile {
+    Fisheye,
+    Luneburg,
+    Radial,
+    Layered,
+}
+
+/// `curve` of parametric rays.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+pub enum CurveKind {
+    Parabola,
+    Sine,
+    Helix,
+}
+
+/// `observer` of a warp bubble.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+pub enum Observer {
+    Eulerian,
 }
 
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
@@ -140,14 +204,124 @@ pub enum Form {
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SpacetimeTable {
-    pub kind: SpacetimeKind,
+    pub kind: Option<Spanned<SpacetimeKind>>,
     pub position: Option<Vector>,
-    pub mass: Option<Spanned<Positive>>,
     pub law: Option<Spanned<Law>>,
     pub form: Option<Spanned<Form>>,
     pub exponent: Option<Spanned<NonNegative>>,
-    pub center: Vec<CenterTable>,
-    pub line: Vec<LineTable>,
+    pub center: Option<Spanned<Vec<CenterTable>>>,
+    pub line: Option<Spanned<Vec<LineTable>>>,
+    pub a: Option<Spanned<Finite>>,
+    pub b: Option<Spanned<Finite>>,
+    pub c: Option<Spanned<Finite>>,
+    pub r: Option<Spanned<Finite>>,
+    pub sigma: Option<Spanned<Positive>>,
+    pub scale: Option<Spanned<Positive>>,
+    pub offset: Option<Spanned<Vector>>,
+    pub weight: Option<Spanned<Unit>>,
+    pub curve: Option<Spanned<CurveKind>>,
+    pub amplitude: Option<Spanned<Finite>>,
+    pub frequency: Option<Spanned<Positive>>,
+    pub profile: Option<Spanned<Profile>>,
+    pub n0: Option<Spanned<Positive>>,
+    pub radius: Option<Spanned<Positive>>,
+    pub coefficients: Option<Spanned<Vec<Finite>>>,
+    pub normal: Option<Spanned<Vector>>,
+    pub heights: Option<Spanned<Vec<Finite>>>,
+    pub indices: Option<Spanned<Vec<Positive>>>,
+    pub mass: Option<Spanned<MassValue>>,
+    pub charge: Option<Spanned<Finite>>,
+    pub spin: Option<Spanned<Finite>>,
+    pub axis: Option<Spanned<Vector>>,
+    pub speed: Option<Spanned<NonNegative>>,
+    pub observer: Option<Spanned<Observer>>,
+    pub throat: Option<Spanned<Positive>>,
+    pub throat_radius: Option<Spanned<Positive>>,
+    pub throat_length: Option<Spanned<NonNegative>>,
+    pub lensing_width: Option<Spanned<Positive>>,
+}
+
+impl SpacetimeTable {
+    /// The first key given that is not in `allowed`.
+    pub fn other_key(&self, allowed: &[&str]) -> Option<(&'static str, std::ops::Range<usize>)> {
+        macro_rules! first {
+            ($($key:ident),+) => {
+                [$((stringify!($key), self.$key.as_ref().map(|v| v.span()))),+]
+            };
+        }
+        let keys = first!(
+            law,
+            form,
+            exponent,
+            center,
+            line,
+            a,
+            b,
+            c,
+            r,
+            sigma,
+            scale,
+            offset,
+            weight,
+            curve,
+            amplitude,
+            frequency,
+            profile,
+            n0,
+            radius,
+            coefficients,
+            normal,
+            heights,
+            indices,
+            mass,
+            charge,
+            spin,
+            axis,
+            speed,
+            observer,
+            throat,
+            throat_radius,
+            throat_length,
+            lensing_width
+        );
+        keys.into_iter().filter(|(key, _)| !allowed.contains(key)).find_map(|(key, span)| Some((key, span?)))
+    }
+}
+
+/// `mass`: one number, or an array of tables.
+#[derive(Clone, Debug)]
+pub enum MassValue {
+    One(f64),
+    Many(Vec<PointMassTable>),
+}
+
+impl<'de> Deserialize<'de> for MassValue {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Either;
+        impl<'de> serde::de::Visitor<'de> for Either {
+            type Value = MassValue;
+            fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+                f.write_str("a number above 0 and at most 1e9, or `[[spacetime.mass]]` tables")
+            }
+            fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<MassValue, E> {
+                if v > 0.0 && v <= 1e9 { Ok(MassValue::One(v)) } else { Err(E::invalid_value(serde::de::Unexpected::Float(v), &self)) }
+            }
+            fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<MassValue, E> {
+                self.visit_f64(v as f64)
+            }
+            fn visit_seq<A: serde::de::SeqAccess<'de>>(self, seq: A) -> Result<MassValue, A::Error> {
+                Vec::deserialize(serde::de::value::SeqAccessDeserializer::new(seq)).map(MassValue::Many)
+            }
+        }
+        deserializer.deserialize_any(Either)
+    }
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PointMassTable {
+    pub position: Vector,
+    pub mass: Positive,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -175,6 +349,11 @@ pub enum Method {
     #[default]
     Auto,
     Euler,
+    Symplectic,
+    Leapfrog,
+    Rk4,
+    BogackiShampine,
+    DormandPrince,
     Nystrom,
 }
 
@@ -227,6 +406,8 @@ pub struct EnvironmentTable {
     pub file: Option<Spanned<String>>,
     pub scale: Option<Spanned<NonNegative>>,
     pub rotation_degrees: Option<Spanned<Finite>>,
+    pub temperature: Option<Spanned<Positive>>,
+    pub far: Option<Spanned<Box<EnvironmentTable>>>,
 }
 
 /// Names of `[[material]] kind`.
@@ -238,6 +419,9 @@ pub enum MaterialKind {
     Metallic,
     Dielectric,
     Emissive,
+    /// Of accretion discs; scene files cannot name it.
+    #[serde(skip)]
+    Accretion,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -251,6 +435,7 @@ pub struct MaterialTable {
     pub ior: Option<Spanned<Index>>,
     pub absorption: Option<Spanned<Color>>,
     pub emission: Option<Spanned<Color>>,
+    pub temperature: Option<Spanned<Positive>>,
     pub two_sided: Option<bool>,
     pub checker: Option<Spanned<CheckerTable>>,
     pub base_color_texture: Option<Spanned<String>>,
@@ -288,6 +473,7 @@ pub struct SphereTable {
     pub center: Vector,
     pub radius: Positive,
     pub material: Option<Spanned<String>>,
+    pub side: Option<Spanned<Side>>,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -298,6 +484,7 @@ pub struct BoxTable {
     #[serde(default)]
     pub transform: TransformTable,
     pub material: Option<Spanned<String>>,
+    pub side: Option<Spanned<Side>>,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -307,6 +494,7 @@ pub struct QuadTable {
     pub u: Vector,
     pub v: Spanned<Vector>,
     pub material: Option<Spanned<String>>,
+    pub side: Option<Spanned<Side>>,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -316,4 +504,34 @@ pub struct MeshTable {
     #[serde(default)]
     pub transform: TransformTable,
     pub material: Option<Spanned<String>>,
+    pub side: Option<Spanned<Side>>,
+}
+
+/// Side of a wormhole: 1 is the camera's, -1 the far one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Side(pub u32);
+
+impl<'de> Deserialize<'de> for Side {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        match i64::deserialize(deserializer)? {
+            1 => Ok(Side(0)),
+            -1 => Ok(Side(1)),
+            v => Err(serde::de::Error::invalid_value(
+                serde::de::Unexpected::Signed(v),
+                &"1 (the camera's side of a wormhole) or -1 (the far side)",
+            )),
+        }
+    }
+}
+
+/// A thin disc of matter on circular orbits around the model's hole.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AccretionDiscTable {
+    pub inner_radius: Option<Spanned<Positive>>,
+    pub outer_radius: Spanned<Positive>,
+    pub normal: Option<Spanned<Vector>>,
+    pub peak_temperature: Positive,
+    pub brightness: Option<NonNegative>,
+    pub opaque: Option<bool>,
 }

@@ -6,6 +6,7 @@ use super::texture::Image;
 use super::values::{Vector, color, numbers};
 use super::*;
 use crate::error::{Error, Result};
+use crate::spacetime::Class;
 use std::ops::Range;
 use std::path::Path;
 use toml::Spanned;
@@ -119,18 +120,31 @@ impl Loader<'_> {
     }
 
     fn scene(&self, file: &SceneFile) -> Result<Scene> {
+        let spacetime = Spacetime::new(&file.spacetime).map_err(|(span, reason)| self.error(span, reason))?;
+        let dark = Sky { environment: Environment::Constant([0.0; 3]), temperature: 0.0 };
         let mut scene = Scene {
             path: self.path.into(),
             camera: self.camera(&file.camera)?,
             film: self.film(&file.film)?,
-            spacetime: self.spacetime(&file.spacetime)?,
-            integrator: self.integrator(&file.integrator, &file.spacetime)?,
-            environment: Environment::Constant([0.0; 3]),
+            integrator: self.integrator(&file.integrator, &spacetime)?,
+            spacetime,
+            environment: [dark.clone(), dark],
             materials: vec![Material::default()],
             images: vec![],
             shapes: vec![],
         };
-        scene.environment = self.environment(&file.environment, &mut scene.images)?;
+        scene.environment[0] = self.environment(&file.environment, &mut scene.images)?;
+        if let Some(far) = &file.environment.far {
+            if scene.spacetime.throat == 0.0 {
+                return Err(self.error(far.span(), "`far` belongs to wormholes only"));
+            }
+            if far.get_ref().far.is_some() {
+                return Err(self.error(far.span(), "`far` has no far side of its own"));
+            }
+            scene.environment[1] = self.environment(far.get_ref(), &mut scene.images)?;
+        } else {
+            scene.environment[1] = scene.environment[0].clone();
+        }
         for table in &file.material {
             let material = self.material(table, &mut scene)?;
             scene.materials.push(material);
@@ -151,6 +165,10 @@ impl Loader<'_> {
             .try_normalize()
             .filter(|_| forward.cross(up).length() > 1e-9 * up.length())
             .ok_or_else(|| self.error(table.up.span(), "`up` is parallel to the viewing direction, expected another vector"))?;
+        let velocity = table.velocity.as_ref().map_or(DVec3::ZERO, |v| DVec3::from(numbers(*v.get_ref())));
+        if let (Some(v), true) = (&table.velocity, velocity.length() >= 0.999_999) {
+            return Err(self.error(v.span(), format!("a speed of {}, expected less than that of light, 1", velocity.length())));
+        }
         Ok(Camera {
             kind: table.kind,
             position,
@@ -160,6 +178,7 @@ impl Loader<'_> {
             fov_radians: table.fov_degrees.0.to_radians(),
             aperture_radius: table.aperture_radius.0,
             focus_distance: table.focus_distance.map_or(target.length(), |d| d.0),
+            velocity,
         })
     }
 
@@ -189,71 +208,21 @@ impl Loader<'_> {
         }
     }
 
-    fn spacetime(&self, table: &SpacetimeTable) -> Result<Spacetime> {
-        let position = DVec3::from(table.position.map_or([0.0; 3], numbers));
-        if table.kind != SpacetimeKind::Gravity {
-            let kind = if table.kind == SpacetimeKind::Flat { "kind `flat`" } else { "kind `schwarzschild`" };
-            self.refuse(&table.law, "law", kind)?;
-            self.refuse(&table.form, "form", kind)?;
-            self.refuse(&table.exponent, "exponent", kind)?;
-            if let Some(line) = table.line.first() {
-                return Err(self.error(line.direction.span(), format!("`[[spacetime.line]]` does not belong to {kind}")));
-            }
-            if !table.center.is_empty() {
-                return Err(self.error(0..0, format!("`[[spacetime.center]]` does not belong to {kind}")));
-            }
-        }
-        match table.kind {
-            SpacetimeKind::Flat => {
-                self.refuse(&table.mass, "mass", "kind `flat`")?;
-                Ok(Spacetime::Flat)
-            }
-            SpacetimeKind::Schwarzschild => {
-                Ok(Spacetime::Schwarzschild { mass: table.mass.as_ref().map_or(1.0, |m| m.get_ref().0), position })
-            }
-            SpacetimeKind::Gravity => {
-                self.refuse(&table.mass, "mass", "kind `gravity`, which has `strength` per center")?;
-                let power = table.law.as_ref().is_some_and(|l| *l.get_ref() == Law::Power);
-                if !power {
-                    self.refuse(&table.exponent, "exponent", "law `thesis`")?;
-                }
-                let exponent = power.then(|| table.exponent.as_ref().map_or(2.0, |e| e.get_ref().0));
-                let literal = table.form.as_ref().is_some_and(|f| *f.get_ref() == Form::Literal);
-                let mut sources = Vec::new();
-                for center in &table.center {
-                    sources.push(Source {
-                        position: (DVec3::from(numbers(center.position)) + position).into(),
-                        direction: [0.0, 1.0, 0.0],
-                        extent: (0.0, 0.0),
-                        strength: center.strength.0,
-                        radius: center.radius.map_or(f64::INFINITY, |r| r.0),
-                    });
-                }
-                for line in &table.line {
-                    let direction = DVec3::from(numbers(*line.direction.get_ref()));
-                    let direction = direction
-                        .try_normalize()
-                        .ok_or_else(|| self.error(line.direction.span(), "`direction` is zero, expected a vector"))?;
-                    sources.push(Source {
-                        position: (DVec3::from(numbers(line.point)) + position).into(),
-                        direction: direction.into(),
-                        extent: line.length.map_or((f64::NEG_INFINITY, f64::INFINITY), |l| (0.0, l.0)),
-                        strength: line.strength.0,
-                        radius: line.radius.map_or(f64::INFINITY, |r| r.0),
-                    });
-                }
-                Ok(Spacetime::Gravity { exponent, literal, sources })
-            }
-        }
-    }
-
-    fn integrator(&self, table: &IntegratorTable, spacetime: &SpacetimeTable) -> Result<Integrator> {
-        let literal = spacetime.form.as_ref().is_some_and(|f| *f.get_ref() == Form::Literal);
+    fn integrator(&self, table: &IntegratorTable, spacetime: &Spacetime) -> Result<Integrator> {
+        let class = spacetime.model.class();
+        let medium = class == Class::Medium;
+        let refuse = |reason: &str| Err(self.error(table.method.span(), reason));
         let method = match table.method.get_ref() {
-            Method::Auto if literal => Method::Euler,
-            Method::Auto => Method::Nystrom,
-            Method::Nystrom if literal => {
-                return Err(self.error(table.method.span(), "form `literal` is a recurrence, expected method `euler`"));
+            Method::Auto if spacetime.literal => Method::Euler,
+            Method::Auto if medium => Method::Nystrom,
+            Method::Auto => Method::DormandPrince,
+            method if spacetime.literal && *method != Method::Euler => {
+                return refuse("form `literal` is a recurrence, expected method `euler`");
+            }
+            Method::Nystrom if !medium => return refuse("method `nystrom` needs a medium, whose force depends on the position only"),
+            Method::Leapfrog if !medium => return refuse("method `leapfrog` needs a medium, whose force depends on the position only"),
+            Method::Symplectic if class == Class::Flow => {
+                return refuse("method `symplectic` needs a Hamiltonian, which a flow does not have");
             }
             method => *method,
         };
@@ -266,7 +235,7 @@ impl Loader<'_> {
         })
     }
 
-    fn environment(&self, table: &EnvironmentTable, images: &mut Vec<Arc<Image>>) -> Result<Environment> {
+    fn environment(&self, table: &EnvironmentTable, images: &mut Vec<Arc<Image>>) -> Result<Sky> {
         let kind = match table.kind {
             EnvironmentKind::Constant => "a constant environment",
             EnvironmentKind::Gradient => "a gradient environment",
@@ -295,8 +264,10 @@ impl Loader<'_> {
             self.refuse(&table.rotation_degrees, "rotation_degrees", kind)?;
         }
         let pick = |value: &Option<Spanned<values::Color>>, default: [f32; 3]| value.as_ref().map_or(default, |c| color(*c.get_ref()));
-        Ok(match table.kind {
-            EnvironmentKind::Constant => Environment::Constant(pick(&table.color, [0.0; 3])),
+        let temperature = table.temperature.as_ref().map_or(0.0, |t| t.get_ref().0 as f32);
+        let dark = if temperature > 0.0 { [1.0; 3] } else { [0.0; 3] };
+        let environment = match table.kind {
+            EnvironmentKind::Constant => Environment::Constant(pick(&table.color, dark)),
             EnvironmentKind::Gradient => Environment::Gradient {
                 zenith: pick(&table.zenith, [0.25, 0.45, 0.9]),
                 horizon: pick(&table.horizon, [0.8, 0.85, 0.9]),
@@ -317,7 +288,8 @@ impl Loader<'_> {
                     rotation: table.rotation_degrees.as_ref().map_or(0.0, |v| v.get_ref().0).to_radians(),
                 }
             }
-        })
+        };
+        Ok(Sky { environment, temperature })
     }
 
     fn image(&self, file: &Spanned<String>, data: bool, images: &mut Vec<Arc<Image>>) -> Result<usize> {
@@ -362,7 +334,8 @@ impl Loader<'_> {
         let textured = |i: usize| textures[i].is_some();
         let glass = kind == MaterialKind::Dielectric;
         let default_color = if glass || textured(0) { [1.0; 3] } else { defaults.base_color };
-        let default_emission = if kind == MaterialKind::Emissive || textured(2) { [1.0; 3] } else { [0.0; 3] };
+        let temperature = table.temperature.as_ref().map_or(0.0, |t| t.get_ref().0 as f32);
+        let default_emission = if kind == MaterialKind::Emissive || textured(2) || temperature > 0.0 { [1.0; 3] } else { [0.0; 3] };
         let default_roughness = if kind == MaterialKind::Metallic { 0.3 } else { 0.0 };
         Ok(Material {
             name: name.clone(),
@@ -375,6 +348,7 @@ impl Loader<'_> {
             ior: table.ior.as_ref().map_or(defaults.ior, |i| i.get_ref().0 as f32),
             absorption: table.absorption.as_ref().map_or([0.0; 3], |c| color(*c.get_ref())),
             emission: table.emission.as_ref().map_or(default_emission, |c| color(*c.get_ref())),
+            temperature,
             two_sided: table.two_sided.unwrap_or(true),
             textures,
         })
@@ -410,8 +384,8 @@ impl Loader<'_> {
     fn shapes(&self, file: &SceneFile, scene: &mut Scene) -> Result<()> {
         for s in &file.sphere {
             let geometry = Geometry::Sphere { center: numbers(s.center).into(), radius: s.radius.0 };
-            let material = self.material_index(&s.material, scene)?;
-            scene.shapes.push(Shape { material, geometry });
+            let (material, side) = (self.material_index(&s.material, scene)?, self.side(&s.side, scene)?);
+            scene.shapes.push(Shape { material, side, geometry });
         }
         for b in &file.r#box {
             let min = DVec3::from(numbers(b.min));
@@ -420,16 +394,16 @@ impl Loader<'_> {
                 return Err(self.error(b.max.span(), "`max` is not above `min` on every axis"));
             }
             let world_from_unit = self.transform(&b.transform)? * DMat4::from_translation(min) * DMat4::from_scale(size);
-            let material = self.material_index(&b.material, scene)?;
-            scene.shapes.push(Shape { material, geometry: Geometry::Box { world_from_unit } });
+            let (material, side) = (self.material_index(&b.material, scene)?, self.side(&b.side, scene)?);
+            scene.shapes.push(Shape { material, side, geometry: Geometry::Box { world_from_unit } });
         }
         for q in &file.quad {
             let (u, v) = (DVec3::from(numbers(q.u)), DVec3::from(numbers(*q.v.get_ref())));
             if u.cross(v).length() <= 1e-9 * u.length() * v.length() {
                 return Err(self.error(q.v.span(), "`u` and `v` are parallel or zero, expected a parallelogram"));
             }
-            let material = self.material_index(&q.material, scene)?;
-            scene.shapes.push(Shape { material, geometry: Geometry::Quad { corner: numbers(q.corner).into(), u, v } });
+            let (material, side) = (self.material_index(&q.material, scene)?, self.side(&q.side, scene)?);
+            scene.shapes.push(Shape { material, side, geometry: Geometry::Quad { corner: numbers(q.corner).into(), u, v } });
         }
         for m in &file.mesh {
             let transform = self.transform(&m.transform)?;
@@ -437,13 +411,72 @@ impl Loader<'_> {
                 Some(_) => Some(self.material_index(&m.material, scene)?),
                 None => None,
             };
+            let side = self.side(&m.side, scene)?;
             let parts = mesh::read_mesh(&self.relative(m.file.get_ref()), scene).map_err(|e| self.error(m.file.span(), e.to_string()))?;
             for (mesh, own_material) in parts {
                 let mesh: Mesh = mesh.transformed(transform);
                 let material = override_material.unwrap_or(own_material);
-                scene.shapes.push(Shape { material, geometry: Geometry::Mesh(Arc::new(mesh)) });
+                scene.shapes.push(Shape { material, side, geometry: Geometry::Mesh(Arc::new(mesh)) });
             }
         }
+        for disc in &file.accretion_disc {
+            let shape = self.accretion_disc(disc, scene)?;
+            scene.shapes.push(shape);
+        }
         Ok(())
+    }
+
+    fn side(&self, side: &Option<Spanned<Side>>, scene: &Scene) -> Result<u32> {
+        match side {
+            Some(s) if scene.spacetime.throat == 0.0 => Err(self.error(s.span(), "`side` belongs to wormholes only")),
+            side => Ok(side.as_ref().map_or(0, |s| s.get_ref().0)),
+        }
+    }
+
+    fn accretion_disc(&self, table: &AccretionDiscTable, scene: &mut Scene) -> Result<Shape> {
+        let hole = scene.spacetime.hole.ok_or_else(|| {
+            self.error(
+                table.outer_radius.span(),
+                format!(
+                    "an accretion disc needs a hole to orbit, expected kind `schwarzschild` or `kerr`, found `{}`",
+                    scene.spacetime.kind
+                ),
+            )
+        })?;
+        let normal = match &table.normal {
+            None => hole.axis,
+            Some(n) => DVec3::from(numbers(*n.get_ref()))
+                .try_normalize()
+                .ok_or_else(|| self.error(n.span(), "`normal` is zero, expected a vector"))?,
+        };
+        if let (Some(n), true) = (&table.normal, hole.spin != 0.0 && normal.dot(hole.axis).abs() < 1.0 - 1e-9) {
+            return Err(self.error(n.span(), "the disc is not in the hole's equatorial plane, expected `normal` along `spacetime.axis`"));
+        }
+        let innermost = hole.innermost_orbit(normal);
+        let inner_radius = table.inner_radius.as_ref().map_or(innermost, |r| r.get_ref().0);
+        if let (Some(r), true) = (&table.inner_radius, inner_radius < innermost * (1.0 - 1e-9)) {
+            return Err(self.error(r.span(), format!("{inner_radius} is inside the innermost stable orbit, expected at least {innermost}")));
+        }
+        let outer_radius = table.outer_radius.get_ref().0;
+        if outer_radius <= inner_radius {
+            return Err(self.error(table.outer_radius.span(), format!("{outer_radius} is not above the inner radius {inner_radius}")));
+        }
+        scene.materials.push(Material {
+            name: format!("accretion disc {}", scene.materials.len()),
+            kind: MaterialKind::Accretion,
+            temperature: table.peak_temperature.0 as f32,
+            emission: [table.brightness.map_or(1.0, |b| b.0) as f32; 3],
+            ..Material::default()
+        });
+        let disc = AccretionDisc {
+            center: scene.spacetime.position,
+            normal,
+            inner_radius,
+            outer_radius,
+            peak_temperature: table.peak_temperature.0,
+            brightness: table.brightness.map_or(1.0, |b| b.0),
+            opaque: table.opaque.unwrap_or(true),
+        };
+        Ok(Shape { material: scene.materials.len() - 1, side: 0, geometry: Geometry::AccretionDisc(disc) })
     }
 }

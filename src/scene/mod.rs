@@ -3,13 +3,14 @@
 pub mod file;
 mod load;
 pub mod mesh;
+pub mod spacetime;
 pub mod texture;
 pub mod values;
 
 pub use file::{CameraKind, Filter, Form, Law, Method, ToneMap};
 pub use load::{load_scene, parse_scene};
+pub use spacetime::{Extent, Hole, Spacetime};
 
-use crate::spacetime::gravity::Source;
 use glam::{DMat4, DVec3};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -28,8 +29,8 @@ pub struct Scene {
     pub spacetime: Spacetime,
     /// How rays are integrated.
     pub integrator: Integrator,
-    /// What is seen where nothing is hit.
-    pub environment: Environment,
+    /// What is seen where nothing is hit: on this side, and on the far side of a wormhole.
+    pub environment: [Sky; 2],
     /// Materials by index; 0 is the default.
     pub materials: Vec<Material>,
     /// Textures by index.
@@ -57,6 +58,8 @@ pub struct Camera {
     pub aperture_radius: f64,
     /// Distance of the plane in focus.
     pub focus_distance: f64,
+    /// Velocity against the Eulerian observer, in units of light's.
+    pub velocity: DVec3,
 }
 
 /// The film.
@@ -78,29 +81,6 @@ pub struct FilmSettings {
     pub filter: Filter,
 }
 
-/// The bending model and its parameters.
-#[derive(Clone, Debug)]
-pub enum Spacetime {
-    /// Straight light.
-    Flat,
-    /// Gravity centers and lines.
-    Gravity {
-        /// Power of the distance the force falls with, or `None` for the thesis' law.
-        exponent: Option<f64>,
-        /// Whether the thesis' recurrence is taken literally, its kick without a step length.
-        literal: bool,
-        /// Centers and lines in world coordinates.
-        sources: Vec<Source>,
-    },
-    /// A black hole at rest.
-    Schwarzschild {
-        /// Mass, a length.
-        mass: f64,
-        /// Where it is.
-        position: DVec3,
-    },
-}
-
 /// How rays are integrated.
 #[derive(Clone, Debug)]
 pub struct Integrator {
@@ -110,13 +90,22 @@ pub struct Integrator {
     pub tolerance: f64,
     /// Error allowed per chord (pixels).
     pub chord_tolerance: f64,
-    /// Step length of `euler`.
+    /// Step of the methods that do not choose their own: a length, or a difference of the model's parameter (symplectic, leapfrog).
     pub step: f64,
     /// Steps after which a ray is given up.
     pub max_steps: u32,
 }
 
-/// The sky.
+/// A sky.
+#[derive(Clone, Debug)]
+pub struct Sky {
+    /// What it looks like.
+    pub environment: Environment,
+    /// Temperature of the black body whose radiance its colours scale (kelvin); 0 for plain colours.
+    pub temperature: f32,
+}
+
+/// What a sky looks like.
 #[derive(Clone, Debug)]
 pub enum Environment {
     /// One radiance everywhere.
@@ -169,8 +158,10 @@ pub struct Material {
     pub ior: f32,
     /// Absorption (1/length).
     pub absorption: [f32; 3],
-    /// Emitted radiance.
+    /// Emitted radiance, or its factor on that of the black body.
     pub emission: [f32; 3],
+    /// Temperature of a black body (kelvin), 0 without one.
+    pub temperature: f32,
     /// Whether both sides emit.
     pub two_sided: bool,
     /// Textures of base colour, roughness and emission.
@@ -187,6 +178,7 @@ impl Default for Material {
             ior: 1.5,
             absorption: [0.0; 3],
             emission: [0.0; 3],
+            temperature: 0.0,
             two_sided: true,
             textures: [None; 3],
         }
@@ -198,6 +190,8 @@ impl Default for Material {
 pub struct Shape {
     /// Index of the material.
     pub material: usize,
+    /// Side of a wormhole it is on: 0 the camera's, 1 the far one.
+    pub side: u32,
     /// Its form.
     pub geometry: Geometry,
 }
@@ -226,6 +220,27 @@ pub enum Geometry {
         /// The other.
         v: DVec3,
     },
+    /// A disc of matter on circular orbits; its material is its own.
+    AccretionDisc(AccretionDisc),
     /// Triangles.
     Mesh(Arc<mesh::Mesh>),
+}
+
+/// A thin disc of matter on circular orbits around the hole of the model, after Novikov and Thorne.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AccretionDisc {
+    /// Center.
+    pub center: DVec3,
+    /// Unit normal; matter turns about it in the positive sense.
+    pub normal: DVec3,
+    /// Inner circumferential (areal, Boyer-Lindquist) radius.
+    pub inner_radius: f64,
+    /// Outer circumferential radius.
+    pub outer_radius: f64,
+    /// Temperature of its hottest ring (kelvin).
+    pub peak_temperature: f64,
+    /// Factor on its black-body radiance.
+    pub brightness: f64,
+    /// Whether it hides what is behind it.
+    pub opaque: bool,
 }

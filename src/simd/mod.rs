@@ -36,6 +36,16 @@ pub trait Lane: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Se
     fn exp(self) -> Self;
     /// Natural logarithm.
     fn ln(self) -> Self;
+    /// Sine.
+    fn sin(self) -> Self;
+    /// Cosine.
+    fn cos(self) -> Self;
+    /// Arc tangent.
+    fn atan(self) -> Self;
+    /// Largest whole number not above each lane.
+    fn floor(self) -> Self;
+    /// Entries of `table` at the whole numbers in the lanes, which must be valid indices.
+    fn gather(self, table: &[u8]) -> Self;
     /// Smaller of two.
     fn min(self, other: Self) -> Self;
     /// Larger of two.
@@ -48,6 +58,29 @@ pub trait Lane: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Se
     fn both(a: Self::Mask, b: Self::Mask) -> Self::Mask;
     /// The mask as bits, lane 0 lowest.
     fn bits(mask: Self::Mask) -> u32;
+}
+
+/// Runs `$body` with `$simd` a token of the widest instruction set the machine has, of those the kernels are compiled for: AVX-512,
+/// AVX2, and what the target always has. Each costs build time, so SSE4.2, which gains little over SSE2, is left out.
+#[macro_export]
+macro_rules! dispatch {
+    ($level:expr, $simd:ident => $body:expr) => {{
+        #[cfg(target_arch = "x86_64")]
+        {
+            use fearless_simd::Simd as _;
+            if let Some($simd) = $level.as_avx512() {
+                $simd.vectorize(#[inline(always)] || $body)
+            } else if let Some($simd) = $level.as_avx2() {
+                $simd.vectorize(#[inline(always)] || $body)
+            } else if let Some($simd) = $level.as_sse2() {
+                $simd.vectorize(#[inline(always)] || $body)
+            } else {
+                unreachable!("x86-64 has SSE2")
+            }
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        fearless_simd::dispatch!($level, $simd => $body)
+    }};
 }
 
 /// The same vector in every lane.
@@ -124,6 +157,26 @@ macro_rules! scalar_lane {
                 <$real>::ln(self)
             }
             #[inline(always)]
+            fn sin(self) -> Self {
+                <$real>::sin(self)
+            }
+            #[inline(always)]
+            fn cos(self) -> Self {
+                <$real>::cos(self)
+            }
+            #[inline(always)]
+            fn atan(self) -> Self {
+                <$real>::atan(self)
+            }
+            #[inline(always)]
+            fn floor(self) -> Self {
+                <$real>::floor(self)
+            }
+            #[inline(always)]
+            fn gather(self, table: &[u8]) -> Self {
+                $real::from(table[self as usize])
+            }
+            #[inline(always)]
             fn min(self, other: Self) -> Self {
                 if self < other { self } else { other }
             }
@@ -153,8 +206,25 @@ macro_rules! scalar_lane {
 scalar_lane!(f32);
 scalar_lane!(f64);
 
+/// Applies a function of single numbers to every lane of a register.
+trait MapLanes<T> {
+    fn map(self, function: impl Fn(T) -> T) -> Self;
+}
+
 macro_rules! register_lane {
     ($vector:ident, $mask:ident, $real:ident, $lanes:literal) => {
+        impl<S: Simd> MapLanes<$real> for $vector<S> {
+            #[inline(always)]
+            fn map(self, function: impl Fn($real) -> $real) -> Self {
+                let mut lanes = [0.0; $lanes];
+                self.store(&mut lanes);
+                for lane in &mut lanes {
+                    *lane = function(*lane);
+                }
+                Self::from_slice(fearless_simd::ExtractToken::token(&self), &lanes)
+            }
+        }
+
         impl<S: Simd> Lane for $vector<S> {
             type Real = $real;
             type Mask = $mask<S>;
@@ -183,15 +253,34 @@ macro_rules! register_lane {
             }
             #[inline(always)]
             fn exp(self) -> Self {
-                let mut lanes = [0.0; $lanes];
-                self.store(&mut lanes);
-                Self::from_slice(fearless_simd::ExtractToken::token(&self), &lanes.map(<$real>::exp))
+                self.map(<$real>::exp)
             }
             #[inline(always)]
             fn ln(self) -> Self {
-                let mut lanes = [0.0; $lanes];
-                self.store(&mut lanes);
-                Self::from_slice(fearless_simd::ExtractToken::token(&self), &lanes.map(<$real>::ln))
+                self.map(<$real>::ln)
+            }
+            #[inline(always)]
+            fn sin(self) -> Self {
+                self.map(<$real>::sin)
+            }
+            #[inline(always)]
+            fn cos(self) -> Self {
+                self.map(<$real>::cos)
+            }
+            #[inline(always)]
+            fn atan(self) -> Self {
+                self.map(<$real>::atan)
+            }
+            #[inline(always)]
+            fn floor(self) -> Self {
+                SimdFloat::floor(self)
+            }
+            #[inline(always)]
+            fn gather(self, table: &[u8]) -> Self {
+                self.map(
+                    #[inline(always)]
+                    |index| $real::from(table[index as usize]),
+                )
             }
             #[inline(always)]
             fn min(self, other: Self) -> Self {

@@ -1,21 +1,36 @@
 //! Bending models, each stated once.
 //!
-//! A model is a [`Medium`]: an optical medium of index n(x) whose light rays are the solutions of x' = p, p' = n grad n
-//! with |p| = n. `build.rs` evaluates each model over [`expr::Expr`], differentiates it, and emits the functions both backends
-//! call: a GLSL include per model and a Rust function over SIMD lanes. Parameters stay run-time values.
+//! A model belongs to one of three classes, each a trait: a [`Medium`] is a refractive index n(x); a [`Metric`] is a spacetime in
+//! 3+1 form; a [`Flow`] gives a ray's velocity outright. `build.rs` evaluates each model over [`expr::Expr`], differentiates it, and
+//! emits the functions both backends call: a GLSL include per model and a Rust function over SIMD lanes. Parameters stay run-time
+//! values.
 //!
-//! This folder depends on the standard library alone, because the build script compiles it too.
+//! Positions are relative to the model's own origin. This folder depends on the standard library alone, because the build script
+//! compiles it too.
 
+mod alcubierre;
 pub mod expr;
 mod flat;
+mod flow;
 pub mod gravity;
+mod grin;
+mod kerr;
+mod masses;
 mod scalar;
 pub mod schwarzschild;
+pub mod thermal;
+mod wormhole;
 
+pub use alcubierre::Alcubierre;
 pub use flat::Flat;
+pub use flow::{Lorenz, Parametric, Rossler};
 pub use gravity::{PowerGravity, ThesisGravity};
-pub use scalar::{Scalar, Vec3};
-pub use schwarzschild::Schwarzschild;
+pub use grin::{Fisheye, Layered, Luneburg, Radial, layer_values};
+pub use kerr::KerrNewman;
+pub use masses::{MajumdarPapapetrou, WeakLens};
+pub use scalar::{Scalar, Symmetric, Vec3};
+pub use schwarzschild::{ReissnerNordstrom, Schwarzschild};
+pub use wormhole::{Dneg, Ellis, LENSING_WIDTH};
 
 /// A named block of numbers a model reads at run time.
 pub trait Parameters<S: Scalar> {
@@ -54,10 +69,10 @@ macro_rules! parameters {
 }
 pub(crate) use parameters;
 
-/// A bending model as an optical medium of refractive index n(x).
+/// A bending model as an optical medium of index n(x): rays obey x' = p, p' = n grad n with |p| = n.
 ///
-/// Positions are relative to the model's own origin. Models made of many sources (gravity centers, point masses) state the
-/// potential of one source; the sum over all reaches [`Medium::index`] as `potential`.
+/// Static spacetimes whose space is conformally flat are media too, of index 1 / lapse times the conformal factor. Models made of many
+/// sources (gravity centers, point masses) state the potential of one source; the sum over all reaches the model as `potential`.
 pub trait Medium {
     /// Parameters of the whole model.
     type Global<S: Scalar>: Parameters<S>;
@@ -78,7 +93,7 @@ pub trait Medium {
     }
 
     /// Lapse of the static observer at `x`: proper time per coordinate time, so frequencies go as 1 / lapse.
-    fn lapse<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>) -> S {
+    fn lapse<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>, _potential: S) -> S {
         S::constant(1.0)
     }
 
@@ -98,24 +113,117 @@ pub trait Medium {
     }
 }
 
+/// A stationary spacetime in 3+1 form, ds^2 = -lapse^2 dt^2 + gamma_ij (dx^i + shift^i dt)(dx^j + shift^j dt).
+///
+/// Rays obey Hamilton's equations of h(x, q) = lapse sqrt(gamma^ij q_i q_j) - sense shift^i q_i in coordinate time t: h is the
+/// photon's conserved energy, so the null condition holds by construction. `sense` = +1 follows a photon of covariant
+/// momentum q forward; -1 follows one of momentum -q backward in time, as a camera does.
+pub trait Metric {
+    /// Parameters of the model.
+    type Global<S: Scalar>: Parameters<S>;
+
+    /// Lapse: proper time of the Eulerian observer per coordinate time.
+    fn lapse<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>) -> S {
+        S::constant(1.0)
+    }
+
+    /// Shift vector.
+    fn shift<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>) -> Vec3<S> {
+        Vec3::zero()
+    }
+
+    /// Inverse spatial metric gamma^ij.
+    fn inverse_metric<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>) -> Symmetric<S> {
+        Symmetric::from_dyad(S::constant(1.0), S::constant(0.0), Vec3::zero())
+    }
+
+    /// The model's own radial coordinate at `x`.
+    fn coordinate_radius<S: Scalar>(_global: &Self::Global<S>, x: Vec3<S>) -> S {
+        x.length_or_zero()
+    }
+
+    /// Frequency a distant static observer measures, of a ray of momentum `q` and conserved `energy` that has escaped.
+    fn far_frequency<S: Scalar>(_q: Vec3<S>, energy: S) -> S {
+        energy
+    }
+
+    /// Positive where a ray lives, negative where it is captured; `blueshift` is its frequency over that at its start.
+    fn capture_distance<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>, _blueshift: S, _sense: S) -> S {
+        S::constant(1.0)
+    }
+
+    /// Largest coordinate length of one integration step from `x`.
+    fn safe_step<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>) -> S {
+        S::constant(UNBOUNDED_STEP)
+    }
+}
+
+/// Rays whose velocity is given: by where they are, by the direction they set out in, by how far they have come.
+pub trait Flow {
+    /// Parameters of the model.
+    type Global<S: Scalar>: Parameters<S>;
+
+    /// Velocity dx/ds at `x` of the ray that set out along the unit vector `direction`, `s` after its start.
+    fn velocity<S: Scalar>(global: &Self::Global<S>, x: Vec3<S>, direction: Vec3<S>, s: S) -> Vec3<S>;
+
+    /// Largest coordinate length of one integration step from `x`.
+    fn safe_step<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>) -> S {
+        S::constant(UNBOUNDED_STEP)
+    }
+}
+
+/// How a model states its physics: which of the traits it implements.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    /// [`Medium`].
+    Medium,
+    /// [`Metric`].
+    Metric,
+    /// [`Flow`].
+    Flow,
+}
+
 /// A step length no scene reaches.
 pub const UNBOUNDED_STEP: f64 = 1e12;
 
-/// Calls `$macro!{ (Variant, stem), ... }` with every model: the one list of them.
+/// Calls `$macro!{ (Variant, stem, Class), ... }` with every model: the one list of them.
 #[macro_export]
 macro_rules! for_each_model {
     ($macro:ident) => {
         $macro! {
-            (Flat, flat),
-            (ThesisGravity, thesis_gravity),
-            (PowerGravity, power_gravity),
-            (Schwarzschild, schwarzschild),
+            (Flat, flat, Medium),
+            (ThesisGravity, thesis_gravity, Medium),
+            (PowerGravity, power_gravity, Medium),
+            (Lorenz, lorenz, Flow),
+            (Rossler, rossler, Flow),
+            (Parametric, parametric, Flow),
+            (Fisheye, fisheye, Medium),
+            (Luneburg, luneburg, Medium),
+            (Radial, radial, Medium),
+            (Layered, layered, Medium),
+            (Schwarzschild, schwarzschild, Medium),
+            (ReissnerNordstrom, reissner_nordstrom, Medium),
+            (KerrNewman, kerr_newman, Metric),
+            (MajumdarPapapetrou, majumdar_papapetrou, Medium),
+            (WeakLens, weak_lens, Medium),
+            (Alcubierre, alcubierre, Metric),
+            (Ellis, ellis, Medium),
+            (Dneg, dneg, Metric),
         }
     };
 }
 
+macro_rules! source_stride {
+    (Medium, $name:ident) => {
+        <<$name as Medium>::Source<f64> as Parameters<f64>>::NAMES.len()
+    };
+    ($class:ident, $name:ident) => {
+        0
+    };
+}
+
 macro_rules! model_kind {
-    ($(($name:ident, $stem:ident)),+ $(,)?) => {
+    ($(($name:ident, $stem:ident, $class:ident)),+ $(,)?) => {
         /// Which model a world is bent by.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum ModelKind {
@@ -131,9 +239,19 @@ macro_rules! model_kind {
                 match self { $(ModelKind::$name => stringify!($stem)),+ }
             }
 
+            /// How the model states its physics.
+            pub fn class(self) -> Class {
+                match self { $(ModelKind::$name => Class::$class),+ }
+            }
+
+            /// Whether the model has two sides, joined at a throat.
+            pub fn has_throat(self) -> bool {
+                matches!(self, ModelKind::Ellis | ModelKind::Dneg)
+            }
+
             /// Numbers per source in the model's parameter block.
             pub fn source_stride(self) -> usize {
-                match self { $(ModelKind::$name => <<$name as Medium>::Source<f64> as Parameters<f64>>::NAMES.len()),+ }
+                match self { $(ModelKind::$name => source_stride!($class, $name)),+ }
             }
         }
     };

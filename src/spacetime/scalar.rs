@@ -15,6 +15,12 @@ pub trait Scalar: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     fn exp(self) -> Self;
     /// Natural logarithm of a number > 0.
     fn ln(self) -> Self;
+    /// Sine of an angle in radians.
+    fn sin(self) -> Self;
+    /// Cosine of an angle in radians.
+    fn cos(self) -> Self;
+    /// Arc tangent in radians.
+    fn atan(self) -> Self;
     /// The smaller of two numbers.
     fn min(self, other: Self) -> Self;
     /// The larger of two numbers.
@@ -22,6 +28,12 @@ pub trait Scalar: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     /// `then` where `a < b`, `otherwise` elsewhere; both are evaluated.
     fn select_less(a: Self, b: Self, then: Self, otherwise: Self) -> Self;
 
+    /// Hyperbolic tangent; saturated beyond 20, where it is 1 in double precision.
+    fn tanh(self) -> Self {
+        let limit = Self::constant(20.0);
+        let doubled = (self.min(limit).max(-limit) * Self::constant(2.0)).exp();
+        Self::constant(1.0) - Self::constant(2.0) / (doubled + Self::constant(1.0))
+    }
     /// `self` squared.
     fn square(self) -> Self {
         self * self
@@ -44,6 +56,15 @@ impl Scalar for f64 {
     }
     fn ln(self) -> Self {
         f64::ln(self)
+    }
+    fn sin(self) -> Self {
+        f64::sin(self)
+    }
+    fn cos(self) -> Self {
+        f64::cos(self)
+    }
+    fn atan(self) -> Self {
+        f64::atan(self)
     }
     fn min(self, other: Self) -> Self {
         f64::min(self, other)
@@ -72,6 +93,58 @@ impl<S: Scalar> Vec3<S> {
     /// Length with a floor of 1e-15 that keeps the derivative finite (zero) at the origin.
     pub fn length_or_zero(self) -> S {
         self.dot(self).max(S::constant(1e-30)).sqrt()
+    }
+}
+
+impl<S: Scalar> Vec3<S> {
+    /// The vector (0, 0, 0).
+    pub fn zero() -> Self {
+        Vec3(S::constant(0.0), S::constant(0.0), S::constant(0.0))
+    }
+    /// Vector product.
+    pub fn cross(self, other: Self) -> Self {
+        Vec3(self.1 * other.2 - self.2 * other.1, self.2 * other.0 - self.0 * other.2, self.0 * other.1 - self.1 * other.0)
+    }
+}
+
+/// A symmetric matrix: xx, xy, xz, yy, yz, zz.
+#[derive(Clone, Copy, Debug)]
+pub struct Symmetric<S>(pub [S; 6]);
+
+impl<S: Scalar> Symmetric<S> {
+    /// diagonal * identity + factor * v v^T.
+    pub fn from_dyad(diagonal: S, factor: S, v: Vec3<S>) -> Self {
+        let scaled = v * factor;
+        Symmetric([
+            diagonal + scaled.0 * v.0,
+            scaled.0 * v.1,
+            scaled.0 * v.2,
+            diagonal + scaled.1 * v.1,
+            scaled.1 * v.2,
+            diagonal + scaled.2 * v.2,
+        ])
+    }
+    /// Matrix times vector.
+    pub fn times(self, v: Vec3<S>) -> Vec3<S> {
+        let [xx, xy, xz, yy, yz, zz] = self.0;
+        Vec3(xx * v.0 + xy * v.1 + xz * v.2, xy * v.0 + yy * v.1 + yz * v.2, xz * v.0 + yz * v.1 + zz * v.2)
+    }
+    /// Cholesky factor L of a positive definite matrix, L L^T = self: its diagonal, and (L10, L20, L21).
+    pub fn cholesky(self) -> (Vec3<S>, Vec3<S>) {
+        let [xx, xy, xz, yy, yz, zz] = self.0;
+        let l00 = xx.sqrt();
+        let (l10, l20) = (xy / l00, xz / l00);
+        let l11 = (yy - l10 * l10).sqrt();
+        let l21 = (yz - l20 * l10) / l11;
+        let l22 = (zz - l20 * l20 - l21 * l21).sqrt();
+        (Vec3(l00, l11, l22), Vec3(l10, l20, l21))
+    }
+}
+
+impl<S: Scalar> Add for Vec3<S> {
+    type Output = Self;
+    fn add(self, other: Self) -> Self {
+        Vec3(self.0 + other.0, self.1 + other.1, self.2 + other.2)
     }
 }
 

@@ -9,6 +9,7 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::{Bvh2, builder::build_bvh2};
 use obvhs::{Boundable, BvhBuildParams};
+use smallvec::SmallVec;
 use std::time::Duration;
 
 /// Triangles per leaf: one block.
@@ -28,6 +29,8 @@ impl Boundable for Box3 {
 struct Tree {
     bvh: Bvh2,
     blocks: bool,
+    /// Triangle or primitive behind each index the tree was built over.
+    ids: Vec<u32>,
 }
 
 /// A subtree waiting to become a child.
@@ -44,6 +47,10 @@ pub fn primitive_bounds(primitive: &Primitive) -> (Vec3, Vec3) {
     let (min, max) = match primitive.kind {
         PRIMITIVE_SPHERE => (at(0) - Vec3::splat(d[3]), at(0) + Vec3::splat(d[3])),
         PRIMITIVE_QUAD => hull(&[at(0), at(0) + at(3), at(0) + at(6), at(0) + at(3) + at(6)]),
+        PRIMITIVE_DISC => {
+            let reach = (Vec3::ONE - at(4) * at(4)).max(Vec3::ZERO).map(f32::sqrt) * d[7];
+            (at(0) - reach, at(0) + reach)
+        }
         _ => hull(&box_corners(primitive)),
     };
     let slack = Vec3::splat(1e-6) * min.abs().max(max.abs()).max(max - min);
@@ -68,23 +75,39 @@ pub fn box_corners(primitive: &Primitive) -> [Vec3; 8] {
     })
 }
 
-/// Builds the tree into `world` and returns the bounds of the scene (empty bounds are a point at the origin).
-pub fn build(world: &mut World, corners: &[[Vec3; 3]]) -> Result<(Vec3, Vec3)> {
+/// Builds a tree for each side of a wormhole that `sides` (one entry per object) names, or one for all; returns the bounds of
+/// the scene (empty bounds are a point at the origin).
+pub fn build(world: &mut World, corners: &[[Vec3; 3]], sides: &[u32]) -> Result<(Vec3, Vec3)> {
+    let near = build_side(world, corners, sides, 0)?;
+    let far = if world.parameters.throat > 0.0 {
+        world.scene.far_root = world.nodes.len() as u32;
+        build_side(world, corners, sides, 1)?
+    } else {
+        None
+    };
+    let bounds = [near, far].into_iter().flatten().reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+    Ok(bounds.unwrap_or((Vec3::ZERO, Vec3::ZERO)))
+}
+
+fn build_side(world: &mut World, corners: &[[Vec3; 3]], sides: &[u32], side: u32) -> Result<Option<(Vec3, Vec3)>> {
+    let here = |object: u32| sides[object as usize] == side;
+    let triangles: Vec<u32> = (0..corners.len() as u32).filter(|&i| here(world.triangles[i as usize].object)).collect();
+    let primitives: Vec<u32> = (0..world.primitives.len() as u32).filter(|&i| here(world.primitives[i as usize].object)).collect();
     let mut trees = Vec::new();
-    if !corners.is_empty() {
-        let boxes: Vec<Box3> = corners.iter().map(|c| aabb(hull(c))).collect();
-        let preset = if corners.len() > LARGE { BvhBuildParams::fast_build() } else { BvhBuildParams::medium_build() };
+    if !triangles.is_empty() {
+        let boxes: Vec<Box3> = triangles.iter().map(|&i| aabb(hull(&corners[i as usize]))).collect();
+        let preset = if boxes.len() > LARGE { BvhBuildParams::fast_build() } else { BvhBuildParams::medium_build() };
         let params = BvhBuildParams { max_prims_per_leaf: LEAF_SIZE, ..preset };
-        trees.push(Tree { bvh: build_bvh2(&boxes, params, &mut Duration::default()), blocks: true });
+        trees.push(Tree { bvh: build_bvh2(&boxes, params, &mut Duration::default()), blocks: true, ids: triangles });
     }
-    if !world.primitives.is_empty() {
-        let boxes: Vec<Box3> = world.primitives.iter().map(|p| aabb(primitive_bounds(p))).collect();
+    if !primitives.is_empty() {
+        let boxes: Vec<Box3> = primitives.iter().map(|&i| aabb(primitive_bounds(&world.primitives[i as usize]))).collect();
         let params = BvhBuildParams { max_prims_per_leaf: 1, ..BvhBuildParams::medium_build() };
-        trees.push(Tree { bvh: build_bvh2(&boxes, params, &mut Duration::default()), blocks: false });
+        trees.push(Tree { bvh: build_bvh2(&boxes, params, &mut Duration::default()), blocks: false, ids: primitives });
     }
     if trees.is_empty() {
         world.nodes.push(empty_node());
-        return Ok((Vec3::ZERO, Vec3::ZERO));
+        return Ok(None);
     }
     let roots: Vec<Subtree> = (0..trees.len()).map(|tree| Subtree { tree, node: 0 }).collect();
     let bounds = roots.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), r| {
@@ -92,7 +115,7 @@ pub fn build(world: &mut World, corners: &[[Vec3; 3]]) -> Result<(Vec3, Vec3)> {
         (low.min(b.min.into()), high.max(b.max.into()))
     });
     collapse(world, &trees, roots, corners)?;
-    Ok(bounds)
+    Ok(Some(bounds))
 }
 
 fn aabb((min, max): (Vec3, Vec3)) -> Box3 {
@@ -113,9 +136,10 @@ fn empty_node() -> BvhNode {
 
 /// Turns the binary trees into nodes of eight: a node opens its largest inner child until it has eight children.
 fn collapse(world: &mut World, trees: &[Tree], roots: Vec<Subtree>, corners: &[[Vec3; 3]]) -> Result<()> {
+    let root = world.nodes.len();
     world.nodes.push(empty_node());
     // (node index, its subtrees, entries on the traversal stack above it)
-    let mut todo = vec![(0usize, roots, 1usize)];
+    let mut todo = vec![(root, roots, 1usize)];
     let mut deepest = 0;
     while let Some((index, mut children, depth)) = todo.pop() {
         while children.len() < 8 {
@@ -146,9 +170,9 @@ fn collapse(world: &mut World, trees: &[Tree], roots: Vec<Subtree>, corners: &[[
                 next as u32
             } else {
                 let range = source.first_index as usize..(source.first_index + source.prim_count) as usize;
-                let held = &tree.bvh.primitive_indices[range];
+                let held: SmallVec<[u32; 8]> = tree.bvh.primitive_indices[range].iter().map(|&i| tree.ids[i as usize]).collect();
                 if tree.blocks {
-                    world.blocks.push(block(held, corners));
+                    world.blocks.push(block(&held, corners));
                     CHILD_BLOCK | (world.blocks.len() as u32 - 1)
                 } else {
                     CHILD_PRIMITIVE | held[0]

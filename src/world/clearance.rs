@@ -49,6 +49,15 @@ pub(super) fn build(world: &mut World, corners: &[[Vec3; 3]], bounds: (Vec3, Vec
                 grid.mark(low, high, |p, half| ((p - center).length() - radius).abs() <= half);
             }
             PRIMITIVE_QUAD => grid.mark_quad(at(0), at(3), at(6)),
+            PRIMITIVE_DISC => {
+                let (low, high) = primitive_bounds(primitive);
+                let (center, normal, inner, outer) = (at(0), at(4), d[3], d[7]);
+                grid.mark(low, high, |p, half| {
+                    let height = (p - center).dot(normal);
+                    let radius = (p - center - normal * height).length();
+                    height.abs() <= half && radius >= inner - half && radius <= outer + half
+                });
+            }
             _ => {
                 let c = box_corners(primitive);
                 for [o, u, v] in [[0, 2, 4], [1, 3, 5], [0, 1, 4], [2, 3, 6], [0, 1, 2], [4, 5, 6]] {

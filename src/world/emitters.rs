@@ -5,6 +5,7 @@ use super::bvh::{box_corners, primitive_bounds};
 use crate::kernels::constants::*;
 use crate::kernels::layout::Light;
 use crate::scene::{Environment, Geometry, Scene};
+use crate::spacetime::thermal::black_body;
 use glam::Vec3;
 
 /// Most columns and rows of the environment's table.
@@ -33,7 +34,9 @@ pub(super) fn add(world: &mut World, scene: &Scene) {
     let mut lights: Vec<(Light, f32)> = Vec::new();
     for (object, shape) in scene.shapes.iter().enumerate() {
         let material = &scene.materials[shape.material];
-        let brightness = luminance(material.emission);
+        // Discs shine over a range of temperatures and of frequency: aiming at them would not pay.
+        let thermal = if material.temperature > 0.0 { black_body(f64::from(material.temperature)).map(|c| c as f32) } else { [1.0; 3] };
+        let brightness = luminance(material.emission) * luminance(thermal);
         if brightness <= 0.0 {
             continue;
         }
@@ -64,6 +67,7 @@ pub(super) fn add(world: &mut World, scene: &Scene) {
                     }
                 }
             }
+            Geometry::AccretionDisc(_) => {}
             Geometry::Mesh(mesh) => {
                 for t in &mesh.indices {
                     let [a, b, c] = t.map(|i| Vec3::from(mesh.positions[i as usize]));
@@ -73,7 +77,7 @@ pub(super) fn add(world: &mut World, scene: &Scene) {
             }
         }
     }
-    if let Environment::Image { image, scale, .. } = &scene.environment {
+    if let Environment::Image { image, scale, .. } = &scene.environment[0].environment {
         let mean = environment_table(world, scene, *image);
         let extent =
             world.primitives.iter().map(primitive_bounds).fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
@@ -85,7 +89,8 @@ pub(super) fn add(world: &mut World, scene: &Scene) {
             let weight = if others > 0.0 { others.max(power.min(others)) } else { 1.0 };
             lights.push((Light { kind: LIGHT_ENVIRONMENT, ..bytemuck::Zeroable::zeroed() }, weight));
         } else {
-            (world.scene.environment_columns, world.scene.environment_rows) = (0, 0);
+            let sky = &mut world.scene.environment[0];
+            (sky.columns, sky.rows) = (0, 0);
         }
     }
     let total: f64 = lights.iter().map(|(_, p)| f64::from(*p)).sum();
@@ -99,11 +104,14 @@ pub(super) fn add(world: &mut World, scene: &Scene) {
     }
     world.lights = lights.into_iter().map(|(l, _)| l).collect();
     world.scene.light_count = world.lights.len() as u32;
-    let sky = &world.scene;
-    let sky_is_black = sky.environment_kind != ENVIRONMENT_IMAGE
-        && [sky.environment_color, sky.environment_horizon, sky.environment_nadir].iter().all(|c| luminance(*c) == 0.0);
+    let sky_is_black = world
+        .scene
+        .environment
+        .iter()
+        .all(|sky| sky.kind != ENVIRONMENT_IMAGE && [sky.color, sky.horizon, sky.nadir].iter().all(|c| luminance(*c) == 0.0));
     let textured_emission = scene.materials.iter().any(|m| m.textures[2].is_some() && luminance(m.emission) > 0.0);
-    world.dark = world.lights.is_empty() && sky_is_black && !textured_emission;
+    let discs = scene.shapes.iter().any(|s| matches!(s.geometry, Geometry::AccretionDisc(_)));
+    world.dark = world.lights.is_empty() && sky_is_black && !textured_emission && !discs;
 }
 
 /// Builds the cumulative table (rows, then the columns of each row) from brightness times solid angle; returns the mean radiance.
@@ -123,8 +131,8 @@ fn environment_table(world: &mut World, scene: &Scene, image: usize) -> f32 {
         }
     }
     let total: f64 = weights.iter().sum();
-    world.scene.environment_columns = columns;
-    world.scene.environment_rows = rows;
+    world.scene.environment[0].columns = columns;
+    world.scene.environment[0].rows = rows;
     world.environment_cdf = vec![0.0; (rows + rows * columns) as usize];
     if total <= 0.0 {
         return 0.0;

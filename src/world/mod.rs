@@ -3,9 +3,12 @@
 pub mod bvh;
 mod clearance;
 mod emitters;
+pub mod method;
 mod region;
+mod trace;
 
 pub use region::{Reach, Region};
+pub use trace::{Stop, TraceOptions};
 
 use crate::error::{Error, Result};
 use crate::kernels::constants::*;
@@ -14,9 +17,10 @@ use crate::kernels::layout::*;
 use crate::kernels::material::integrate_ggx_albedo;
 use crate::kernels::view::SceneView;
 use crate::scene::file::MaterialKind;
-use crate::scene::{CameraKind, Environment, Filter, Geometry, Method, Scene, Spacetime};
+use crate::scene::{AccretionDisc, CameraKind, Environment, Filter, Geometry, Hole, Method, Scene, Sky, Spacetime};
 use crate::simd::Real;
-use crate::spacetime::ModelKind;
+use crate::spacetime::thermal::{black_body_table, disc_temperatures, keplerian};
+use crate::spacetime::{Class, ModelKind};
 use glam::{DMat4, Vec3};
 use rayon::prelude::*;
 
@@ -51,6 +55,10 @@ pub struct World {
     pub clearance: Vec<u8>,
     /// Directional albedo of GGX.
     pub albedo: Vec<f32>,
+    /// Black bodies by temperature.
+    pub black_bodies: Vec<[f32; 4]>,
+    /// Profiles of accretion discs: temperature as a share of the highest, angular velocity.
+    pub profiles: Vec<[f32; 2]>,
     /// Which model bends the light.
     pub model: ModelKind,
     /// Its parameters.
@@ -79,10 +87,20 @@ impl World {
             texels: vec![],
             lights: vec![],
             environment_cdf: vec![],
-            clearance: vec![],
+            // One cell that no lookup reaches, so that the grid is never an empty array.
+            clearance: vec![0; 4],
             albedo: albedo_table(),
-            model: model_kind(&scene.spacetime),
-            parameters: ModelBlock { step: scene.integrator.step, ..model_parameters(&scene.spacetime) },
+            black_bodies: black_body_table(BLACK_BODY_SIZE as usize, f64::from(BLACK_BODY_MIN), f64::from(BLACK_BODY_MAX)),
+            profiles: vec![],
+            model: scene.spacetime.model,
+            parameters: ModelBlock {
+                origin: scene.spacetime.position.to_array(),
+                throat: scene.spacetime.throat,
+                step: scene.integrator.step,
+                tableau: method::tableau(scene.integrator.method),
+                global: scene.spacetime.global.clone(),
+                sources: scene.spacetime.sources.clone(),
+            },
             spacetime: scene.spacetime.clone(),
             bounds: (Vec3::ZERO, Vec3::ZERO),
             dark: false,
@@ -98,7 +116,8 @@ impl World {
             return Err(Error::World("more than 2^32 texels".into()));
         }
         let corners = world.add_shapes(scene)?;
-        let bounds = bvh::build(&mut world, &corners)?;
+        let sides: Vec<u32> = scene.shapes.iter().map(|s| s.side).collect();
+        let bounds = bvh::build(&mut world, &corners, &sides)?;
         world.bounds = bounds;
         let region = region::of(&scene.spacetime, bounds, scene.camera.position.as_vec3());
         let camera_to_scene = (bounds.0.max(bounds.1) - bounds.0).length().min(1e6);
@@ -130,6 +149,8 @@ impl World {
             environment_cdf: &self.environment_cdf,
             clearance: &self.clearance,
             albedo: &self.albedo,
+            black_bodies: &self.black_bodies,
+            profiles: &self.profiles,
         }
     }
 
@@ -138,26 +159,12 @@ impl World {
         let convert = |values: &[f64]| values.iter().map(|&v| T::from_f64(v)).collect();
         ModelBlock {
             origin: self.parameters.origin.map(T::from_f64),
+            throat: T::from_f64(self.parameters.throat),
             step: T::from_f64(self.parameters.step),
+            tableau: convert(&self.parameters.tableau),
             global: convert(&self.parameters.global),
             sources: convert(&self.parameters.sources),
         }
-    }
-
-    /// Scene parameters for tracing `origins` on their own: the region reaches around all of them, tolerances are absolute.
-    ///
-    /// A ray of limited length is integrated all along, wherever it is.
-    pub fn trace_parameters(&self, origins: &[[f64; 3]], reach: Reach, tolerance: f64, limited: bool) -> SceneParameters {
-        let around = origins.iter().map(|o| Vec3::from(o.map(|v| v as f32)));
-        let (low, high) = around.fold(self.bounds, |(low, high), o| (low.min(o), high.max(o)));
-        let mut scene = self.scene;
-        scene.set_region(&region::region(&self.spacetime, low, high, reach));
-        if limited {
-            scene.region_radius = 1e12;
-        }
-        scene.tolerance = tolerance as f32;
-        scene.chord_tolerance = (tolerance as f32).max(1e-6);
-        scene
     }
 
     /// Bytes of all arrays.
@@ -199,6 +206,10 @@ impl World {
                     }
                     PRIMITIVE_BOX
                 }
+                Geometry::AccretionDisc(disc) => {
+                    self.add_disc(disc, shape.material, scene.spacetime.hole, &mut data);
+                    PRIMITIVE_DISC
+                }
                 Geometry::Mesh(mesh) => {
                     let first = self.vertices.len();
                     if first + mesh.positions.len() >= u32::MAX as usize
@@ -224,6 +235,30 @@ impl World {
     }
 }
 
+impl World {
+    /// Fills in a disc's geometry, its material's numbers and its profile: uniform in the chart's distance from the axis.
+    fn add_disc(&mut self, disc: &AccretionDisc, material: usize, hole: Option<Hole>, data: &mut [f32; 12]) {
+        // Without a hole (light made straight by an option) the disc stays where it is.
+        let hole = hole.unwrap_or(Hole { mass: 0.0, spin: 0.0, axis: disc.normal, isotropic: false });
+        let (inner, outer) = (hole.chart_radius(disc.inner_radius), hole.chart_radius(disc.outer_radius));
+        data[..3].copy_from_slice(&disc.center.as_vec3().to_array());
+        data[3] = inner as f32;
+        data[4..7].copy_from_slice(&disc.normal.as_vec3().to_array());
+        data[7] = outer as f32;
+        let last = f64::from(DISC_PROFILE_SIZE - 1);
+        let spin = hole.spin_about(disc.normal);
+        let radii: Vec<f64> =
+            (0..DISC_PROFILE_SIZE).map(|i| hole.circumferential_radius(inner + (outer - inner) * f64::from(i) / last)).collect();
+        let temperatures = if hole.mass > 0.0 { disc_temperatures(hole.mass, spin, &radii) } else { vec![1.0; radii.len()] };
+        let target = &mut self.materials[material];
+        target.profile = self.profiles.len() as u32;
+        target.inner_radius = inner as f32;
+        target.outer_radius = outer as f32;
+        target.flags = MATERIAL_TWO_SIDED | MATERIAL_TEXTURED | if disc.opaque { MATERIAL_OPAQUE } else { 0 };
+        self.profiles.extend(radii.iter().zip(temperatures).map(|(r, t)| [t, keplerian(*r, hole.mass, spin) as f32]));
+    }
+}
+
 impl SceneParameters {
     fn set_region(&mut self, region: &Region) {
         self.region_center = region.center.to_array();
@@ -241,6 +276,7 @@ fn compile_material(m: &crate::scene::Material) -> Material {
             MaterialKind::Metallic => MATERIAL_METALLIC,
             MaterialKind::Dielectric => MATERIAL_DIELECTRIC,
             MaterialKind::Emissive => MATERIAL_EMISSIVE,
+            MaterialKind::Accretion => MATERIAL_ACCRETION,
         },
         emission: m.emission,
         roughness: m.roughness,
@@ -251,28 +287,8 @@ fn compile_material(m: &crate::scene::Material) -> Material {
         emission_texture: index(m.textures[2]),
         flags: if m.two_sided { MATERIAL_TWO_SIDED } else { 0 }
             | if m.textures.iter().any(Option::is_some) { MATERIAL_TEXTURED } else { 0 },
-    }
-}
-
-fn model_kind(spacetime: &Spacetime) -> ModelKind {
-    match spacetime {
-        Spacetime::Flat => ModelKind::Flat,
-        Spacetime::Gravity { exponent: None, .. } => ModelKind::ThesisGravity,
-        Spacetime::Gravity { exponent: Some(_), .. } => ModelKind::PowerGravity,
-        Spacetime::Schwarzschild { .. } => ModelKind::Schwarzschild,
-    }
-}
-
-fn model_parameters(spacetime: &Spacetime) -> ModelBlock<f64> {
-    match spacetime {
-        Spacetime::Flat => ModelBlock::default(),
-        Spacetime::Gravity { exponent, sources, .. } => ModelBlock {
-            sources: sources.iter().flat_map(|s| exponent.map_or_else(|| s.thesis_parameters(), |e| s.power_parameters(e))).collect(),
-            ..ModelBlock::default()
-        },
-        Spacetime::Schwarzschild { mass, position } => {
-            ModelBlock { origin: (*position).into(), global: vec![*mass], ..ModelBlock::default() }
-        }
+        temperature: m.temperature,
+        ..bytemuck::Zeroable::zeroed()
     }
 }
 
@@ -288,7 +304,7 @@ fn scene_parameters(scene: &Scene) -> SceneParameters {
         CameraKind::Perspective => 2.0 * tan_half_fov / f64::from(film.height),
         CameraKind::Panorama => std::f64::consts::PI / f64::from(film.height),
     };
-    let mut p = SceneParameters {
+    SceneParameters {
         camera_position: single(camera.position),
         tan_half_fov: tan_half_fov as f32,
         camera_right: single(camera.right),
@@ -306,31 +322,49 @@ fn scene_parameters(scene: &Scene) -> SceneParameters {
         tolerance: scene.integrator.tolerance as f32,
         chord_tolerance: scene.integrator.chord_tolerance as f32,
         max_steps: scene.integrator.max_steps,
-        method: if scene.integrator.method == Method::Euler { METHOD_EULER } else { METHOD_NYSTROM },
-        literal_kick: matches!(scene.spacetime, Spacetime::Gravity { literal: true, .. }) as u32,
+        method: method_number(scene),
+        literal_kick: u32::from(scene.spacetime.literal),
+        local_frames: u32::from(scene.spacetime.model.class() == Class::Metric),
+        camera_velocity: single(camera.velocity),
         max_depth: film.max_depth,
-        environment_texture: NO_INDEX,
+        environment: [environment_parameters(&scene.environment[0]), environment_parameters(&scene.environment[1])],
         light_share: LIGHT_SHARE,
         ..bytemuck::Zeroable::zeroed()
-    };
-    match &scene.environment {
+    }
+}
+
+/// The kernel that runs a method: media have their own Euler, Nystroem and leapfrog, all else runs from a tableau.
+fn method_number(scene: &Scene) -> u32 {
+    let medium = scene.spacetime.model.class() == Class::Medium;
+    match scene.integrator.method {
+        Method::Euler if medium => METHOD_EULER,
+        Method::Nystrom => METHOD_NYSTROM,
+        Method::Symplectic => METHOD_SYMPLECTIC,
+        Method::Leapfrog => METHOD_LEAPFROG,
+        _ => METHOD_RUNGE_KUTTA,
+    }
+}
+
+fn environment_parameters(sky: &Sky) -> EnvironmentParameters {
+    let mut p = EnvironmentParameters { texture_index: NO_INDEX, temperature: sky.temperature, ..bytemuck::Zeroable::zeroed() };
+    match &sky.environment {
         Environment::Constant(color) => {
-            p.environment_kind = ENVIRONMENT_CONSTANT;
-            p.environment_color = *color;
+            p.kind = ENVIRONMENT_CONSTANT;
+            p.color = *color;
         }
         Environment::Gradient { zenith, horizon, nadir } => {
-            p.environment_kind = ENVIRONMENT_GRADIENT;
-            (p.environment_color, p.environment_horizon, p.environment_nadir) = (*zenith, *horizon, *nadir);
+            p.kind = ENVIRONMENT_GRADIENT;
+            (p.color, p.horizon, p.nadir) = (*zenith, *horizon, *nadir);
         }
         Environment::Grid { line, north, south, spacing, width } => {
-            p.environment_kind = ENVIRONMENT_GRID;
-            (p.environment_color, p.environment_horizon, p.environment_nadir) = (*line, *north, *south);
-            (p.environment_angle, p.environment_scale) = (*spacing as f32, *width as f32);
+            p.kind = ENVIRONMENT_GRID;
+            (p.color, p.horizon, p.nadir) = (*line, *north, *south);
+            (p.angle, p.scale) = (*spacing as f32, *width as f32);
         }
         Environment::Image { image, scale, rotation } => {
-            p.environment_kind = ENVIRONMENT_IMAGE;
-            p.environment_texture = *image as u32;
-            (p.environment_scale, p.environment_angle) = (*scale, *rotation as f32);
+            p.kind = ENVIRONMENT_IMAGE;
+            p.texture_index = *image as u32;
+            (p.scale, p.angle) = (*scale, *rotation as f32);
         }
     }
     p

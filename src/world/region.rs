@@ -2,11 +2,9 @@
 
 use super::World;
 use crate::error::{Error, Result};
-use crate::kernels::integrator::Model;
-use crate::scene::{Scene, Spacetime};
-use crate::spacetime::gravity::Source;
-use crate::spacetime::{ModelKind, PowerGravity, Schwarzschild, ThesisGravity};
-use glam::{DVec3, Vec3};
+use crate::kernels::integrator::PointFunctions;
+use crate::scene::{Extent, Scene, Spacetime};
+use glam::Vec3;
 
 /// The sphere rays are integrated in.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,7 +27,7 @@ pub enum Reach {
 }
 
 impl Reach {
-    /// Radius in units of the far field's strength. The asymptote's error is about (A / 2r)^2.
+    /// Radius in units of the far field's length scale L. The asymptote's error is about (L / 2r)^2.
     fn radii(self) -> f64 {
         match self {
             Reach::Picture => 150.0,
@@ -45,66 +43,42 @@ pub(super) fn of(spacetime: &Spacetime, bounds: (Vec3, Vec3), camera: Vec3) -> R
 
 /// The region of a spacetime that holds at least the box `low..high` if the field has no end.
 pub fn region(spacetime: &Spacetime, low: Vec3, high: Vec3, reach: Reach) -> Region {
-    let around = |center: DVec3, strength: f64| {
-        let farthest = (low - center.as_vec3()).abs().max((high - center.as_vec3()).abs()).length();
-        Region {
-            center: center.as_vec3(),
-            radius: (1.01 * farthest).max((reach.radii() * strength.abs()) as f32).max(1.0),
-            strength: strength as f32,
+    let around = |center: Vec3| (1.01 * (low - center).abs().max((high - center).abs()).length()).max(1.0);
+    match spacetime.extent {
+        Extent::Nowhere => Region { center: Vec3::ZERO, radius: 0.0, strength: 0.0 },
+        Extent::Ball(center, radius) => {
+            let center = center.as_vec3();
+            let radius = radius as f32 * 1.000_001;
+            // The literal recurrence counts its steps from the ray's origin, so they must not start at the ball.
+            Region { center, radius: if spacetime.literal { radius.max(around(center)) } else { radius }, strength: 0.0 }
         }
-    };
-    match spacetime {
-        Spacetime::Flat => Region { center: Vec3::ZERO, radius: 0.0, strength: 0.0 },
-        Spacetime::Schwarzschild { mass, position } => around(*position, 2.0 * mass),
-        Spacetime::Gravity { sources, .. } if sources.is_empty() => Region { center: Vec3::ZERO, radius: 0.0, strength: 0.0 },
-        Spacetime::Gravity { exponent, literal, sources } => {
-            let bounded = sources.iter().all(|s| s.radius.is_finite() && s.extent.1.is_finite());
-            if bounded {
-                let ball = bounding_sphere(sources);
-                // The literal recurrence counts its steps from the ray's origin, so they must not start at the ball.
-                let around_scene = (low - ball.center).abs().max((high - ball.center).abs()).length() * 1.01;
-                return Region { radius: if *literal { ball.radius.max(around_scene) } else { ball.radius }, ..ball };
-            }
-            let center = sources.iter().map(|s| DVec3::from(s.position)).sum::<DVec3>() / sources.len() as f64;
-            // Only the potential of an inverse-square force has an asymptote in closed form; other fields end ten scenes away.
-            let inverse_square = *exponent == Some(2.0) && sources.iter().all(|s| s.radius.is_infinite() && s.extent.1 == 0.0);
-            if inverse_square {
-                return around(center, sources.iter().map(|s| s.strength).sum());
-            }
-            let inner = around(center, 0.0);
-            Region { radius: inner.radius * 10.0, ..inner }
+        Extent::Field { center, strength, scale } => {
+            let center = center.as_vec3();
+            Region { center, radius: around(center).max((reach.radii() * scale) as f32), strength: strength as f32 }
+        }
+        Extent::Scenes(times) => {
+            let center = spacetime.position.as_vec3();
+            Region { center, radius: around(center) * times as f32, strength: 0.0 }
         }
     }
-}
-
-fn bounding_sphere(sources: &[Source]) -> Region {
-    let balls: Vec<(DVec3, f64)> = sources
-        .iter()
-        .flat_map(|s| [s.extent.0, s.extent.1].map(|t| (DVec3::from(s.position) + DVec3::from(s.direction) * t, s.radius)))
-        .collect();
-    let low = balls.iter().fold(DVec3::INFINITY, |a, (c, r)| a.min(*c - DVec3::splat(*r)));
-    let high = balls.iter().fold(DVec3::NEG_INFINITY, |a, (c, r)| a.max(*c + DVec3::splat(*r)));
-    let center = (low + high) / 2.0;
-    let radius = balls.iter().map(|(c, r)| c.distance(center) + r).fold(0.0, f64::max);
-    Region { center: center.as_vec3(), radius: radius as f32 * 1.000_001, strength: 0.0 }
 }
 
 /// Refuses a camera from which no ray can start.
 pub(super) fn check_camera(world: &World, scene: &Scene) -> Result<()> {
     let x = scene.camera.position.to_array();
     let block = world.model_block::<f64>();
-    let alive = match world.model {
-        ModelKind::Flat => 1.0,
-        ModelKind::ThesisGravity => ThesisGravity::capture_distance::<f64>((), &block, x),
-        ModelKind::PowerGravity => PowerGravity::capture_distance::<f64>((), &block, x),
-        ModelKind::Schwarzschild => Schwarzschild::capture_distance::<f64>((), &block, x),
-    };
-    if alive > 0.0 {
+    let functions = PointFunctions::<f64>::of(world.model);
+    let (p, energy, frequency) = (functions.launch)((), &block, x, [0.0, 0.0, 1.0], 1.0, -1.0);
+    let alive = (functions.capture_distance)((), &block, x, p, frequency, -1.0);
+    let from_origin = (scene.camera.position - scene.spacetime.position).length();
+    let above_throat = from_origin > scene.spacetime.throat;
+    if alive > 0.0 && above_throat && energy.is_finite() && p.iter().all(|c| c.is_finite()) {
         return Ok(());
     }
     Err(Error::World(format!(
-        "{}: the camera at {:?} is inside the horizon or capture radius of the model, expected a position outside",
+        "{}: the camera at {:?} is where no ray of kind `{}` lives (inside its horizon, capture radius or throat), expected a position outside",
         scene.path.display(),
-        x
+        x,
+        scene.spacetime.kind
     )))
 }

@@ -1,7 +1,7 @@
 //! Helpers of the tests: reference tables, scenes from text, films of them.
 #![allow(dead_code, reason = "every test file uses a part")]
 
-use nullray::backend::{Backend, Precision, TraceRay};
+use nullray::backend::{Backend, Precision, Stop, TraceOptions, TraceRay};
 use nullray::film::Film;
 use nullray::scene::parse_scene;
 use nullray::world::World;
@@ -81,14 +81,14 @@ pub fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 /// Rays of schw_rays.csv.
 pub fn schwarzschild_rays(rows: &[Row]) -> Vec<TraceRay> {
-    rows.iter().map(|r| TraceRay { origin: r.vector(["x0", "y0", "z0"]), direction: r.vector(["dx", "dy", "dz"]) }).collect()
+    rows.iter().map(|r| TraceRay::looking(r.vector(["x0", "y0", "z0"]), r.vector(["dx", "dy", "dz"]))).collect()
 }
 
 /// Largest error over max(1, cond) of traced Schwarzschild rays; panics on a wrong outcome. Rows of a larger cond are left out.
 pub fn schwarzschild_error(backend: &mut dyn Backend, precision: Precision, tolerance: f64, max_cond: f64) -> f64 {
     let rows = table("schw_rays");
     backend.upload(Arc::new(world("[spacetime]\nkind = \"schwarzschild\"\n[integrator]\nmax_steps = 1000000")), precision, 0).unwrap();
-    let options = nullray::backend::TraceOptions { tolerance, length: None };
+    let options = TraceOptions { tolerance, stop: Stop::Never, max_steps: None };
     let results = backend.trace(&schwarzschild_rays(&rows), options).unwrap();
     let mut worst: f64 = 0.0;
     for (row, result) in rows.iter().zip(&results) {
@@ -99,7 +99,7 @@ pub fn schwarzschild_error(backend: &mut dyn Backend, precision: Precision, tole
             continue;
         }
         let expected = if captured { 3 } else { 2 };
-        assert_eq!(result.arrival.status, expected, "r_obs {} alpha {}", row.text("r_obs"), row.text("alpha_in"));
+        assert_eq!(result.status, expected, "r_obs {} alpha {}", row.text("r_obs"), row.text("alpha_in"));
         if !captured {
             let error = distance(result.direction, row.vector(["fx", "fy", "fz"])) / cond.max(1.0);
             worst = worst.max(error);
@@ -120,9 +120,9 @@ fn gravity_world(row: &Row, strength: f64, form: &str, step: f64) -> World {
 
 fn traced(backend: &mut dyn Backend, world: World, precision: Precision, row: &Row, tolerance: f64, length: f64) -> ([f64; 3], [f64; 3]) {
     backend.upload(Arc::new(world), precision, 0).unwrap();
-    let ray = TraceRay { origin: row.vector(["x0_x", "x0_y", "x0_z"]), direction: row.vector(["v0_x", "v0_y", "v0_z"]) };
-    let result = backend.trace(&[ray], nullray::backend::TraceOptions { tolerance, length: Some(length) }).unwrap()[0];
-    (result.position, result.velocity)
+    let ray = TraceRay::looking(row.vector(["x0_x", "x0_y", "x0_z"]), row.vector(["v0_x", "v0_y", "v0_z"]));
+    let result = backend.trace(&[ray], TraceOptions { tolerance, stop: Stop::Length(length), max_steps: None }).unwrap()[0];
+    (result.position, result.momentum)
 }
 
 /// Largest error of the thesis' literal recurrence over every row.

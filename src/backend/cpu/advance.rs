@@ -1,42 +1,31 @@
 //! Rays from launch to landing: straight ones one by one, curved ones as lanes of a register with finished lanes refilled.
 
-use crate::kernels::bvh::{Hit, TraversalStack, closest_hit, curve_tangent, cut_span, hermite, hit_position, straight};
-use crate::kernels::clearance::occupied_span;
+use super::step::*;
+use crate::backend::Stop;
+use crate::kernels::bvh::{Curve, Hit, TraversalStack, closest_hit, cut_span, hermite, hit_position, straight};
 use crate::kernels::constants::*;
 use crate::kernels::integrator::*;
-use crate::kernels::layout::SceneParameters;
-use crate::kernels::path::Arrival;
+use crate::kernels::path::{Arrival, matter_velocity};
 use crate::kernels::triangle::dot;
-use crate::kernels::view::SceneView;
-use crate::simd::{Lane, Real, load3};
+use crate::simd::Real;
+use crate::spacetime::Class;
 use fearless_simd::Simd;
 use glam::Vec3;
-
-/// Most lanes of any register.
-const MAX_LANES: usize = 16;
-
-/// A real number that is also a lane of its own, for the parts of a ray that are handled alone.
-pub trait Scalar: Real + Lane<Real = Self, Mask = bool, Token = ()> {
-    /// Smallest tolerance as a share of the coordinates.
-    const TOLERANCE_FLOOR: f64;
-}
-impl Scalar for f32 {
-    const TOLERANCE_FLOOR: f64 = TOLERANCE_FLOOR_F32;
-}
-impl Scalar for f64 {
-    const TOLERANCE_FLOOR: f64 = TOLERANCE_FLOOR_F64;
-}
 
 /// A ray to trace.
 #[derive(Clone, Copy)]
 pub struct Launch<T> {
     /// Start.
     pub origin: [T; 3],
-    /// Unit direction of travel.
+    /// Unit direction of travel in the local frame.
     pub direction: [T; 3],
     /// Length of the launch velocity.
     pub speed: T,
-    /// Width and growth of its cone.
+    /// -1 to follow light into its past, as a camera does, +1 into its future.
+    pub sense: T,
+    /// Side of a wormhole: 0 or 1.
+    pub side: u32,
+    /// Width of its cone.
     pub width: f32,
     /// Growth of its cone.
     pub spread: f32,
@@ -49,22 +38,14 @@ pub struct Landing<T> {
     pub arrival: Arrival,
     /// End point.
     pub position: [T; 3],
-    /// Unit direction, at infinity if escaped.
+    /// Unit direction in the local frame, at infinity if escaped.
     pub direction: [T; 3],
-    /// Velocity of the model.
-    pub velocity: [T; 3],
-}
-
-/// What all rays of a batch share.
-pub struct Course<'a, T> {
-    /// The world.
-    pub view: SceneView<'a>,
-    /// Parameters, which may differ from the view's for traced rays.
-    pub scene: &'a SceneParameters,
-    /// The model.
-    pub model: &'a ModelBlock<T>,
-    /// Coordinate length after which a ray ends.
-    pub length: Option<f64>,
+    /// Velocity or momentum of the model.
+    pub momentum: [T; 3],
+    /// The model's parameter.
+    pub parameter: T,
+    /// Coordinate length.
+    pub length: T,
 }
 
 /// Traces `count` rays through flat space.
@@ -80,30 +61,71 @@ pub fn advance_straight<S: Simd, T: Scalar>(
     for index in 0..count {
         let ray = launch(index);
         let mut flight = Solo::new(&ray);
-        let limit = course.length.map_or(FAR, |l| l as f32);
-        let status = match flight.cross(simd, course, stack, T::from_f64(f64::from(limit))) {
-            Some(status) => status,
-            None if course.length.is_some() => STATUS_FLYING,
-            None => STATUS_ESCAPED,
-        };
-        land(index, flight.landing(status, 1.0, 0.0));
+        let status = flight.cross(simd, course, stack, T::from_f64(f64::from(FAR))).unwrap_or(STATUS_ESCAPED);
+        land(index, flight.landing(status, &Observed::flat()));
     }
 }
 
 /// The scalar part of a ray: its place, and what it has met.
 struct Solo<T> {
     x: [T; 3],
+    /// Coordinate direction while straight, else unit velocity.
     d: [T; 3],
     p: [T; 3],
-    length: f32,
+    parameter: T,
+    length: T,
     steps: u32,
     chords: u32,
-    hit: Option<(Hit, Vec3, Vec3)>,
+    side: u32,
+    hit: Option<(Hit, Vec3)>,
+}
+
+/// What the local observer sees of a ray's end.
+struct Observed<T> {
+    direction: Option<[T; 3]>,
+    redshift: f32,
+    constraint_error: f32,
+    frame: [[f32; 3]; 2],
+    doppler: f32,
+}
+
+impl<T> Observed<T> {
+    fn flat() -> Self {
+        Observed { direction: None, redshift: 1.0, constraint_error: 0.0, frame: [[1.0; 3], [0.0; 3]], doppler: 1.0 }
+    }
 }
 
 impl<T: Scalar> Solo<T> {
     fn new(ray: &Launch<T>) -> Self {
-        Solo { x: ray.origin, d: ray.direction, p: ray.direction, length: 0.0, steps: 0, chords: 0, hit: None }
+        let zero = T::from_f64(0.0);
+        Solo {
+            x: ray.origin,
+            d: ray.direction,
+            p: ray.direction,
+            parameter: zero,
+            length: zero,
+            steps: 0,
+            chords: 0,
+            side: ray.side,
+            hit: None,
+        }
+    }
+
+    fn of_lane(lanes: &Lanes<T>, i: usize) -> Self {
+        let take = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
+        let v = take(&lanes.v);
+        let speed = dot(v, v).sqrt();
+        Solo {
+            x: take(&lanes.x),
+            d: [v[0] / speed, v[1] / speed, v[2] / speed],
+            p: take(&lanes.p),
+            parameter: lanes.parameter[i],
+            length: lanes.length[i],
+            steps: lanes.steps[i],
+            chords: lanes.chords[i],
+            side: lanes.side[i],
+            hit: None,
+        }
     }
 
     /// Goes straight for `distance`, or to a hit.
@@ -112,84 +134,71 @@ impl<T: Scalar> Solo<T> {
         let curve = straight(to_vec3(self.x), to_vec3(self.d));
         let mut hit = Hit::none(distance.to_f32());
         self.chords += 1;
-        closest_hit(simd, &course.view, &curve, stack, &mut hit);
+        closest_hit(simd, &course.view, &curve, self.side, stack, &mut hit);
         if hit.primitive != NO_INDEX {
-            self.length += hit.t;
-            self.hit = Some((hit, hit_position(&curve, hit.t), curve.c1));
+            self.length = self.length + T::from_f64(f64::from(hit.t));
+            self.hit = Some((hit, hit_position(&curve, hit.t)));
             return Some(STATUS_HIT);
         }
         if distance.to_f32() < FAR {
             self.x = along(self.x, self.d, distance);
-            self.length += distance.to_f32();
+            self.length = self.length + distance;
         }
         None
     }
 
-    fn landing(&self, status: u32, redshift: f32, constraint_error: f32) -> Landing<T> {
-        let (hit, position, direction) = match self.hit {
-            Some((hit, position, tangent)) => (hit, position, tangent.normalize()),
-            None => (Hit::none(0.0), to_vec3(self.x), to_vec3(self.d)),
+    /// Leaves the region outward: straight on past whatever is there, or along the asymptote of the far field.
+    #[inline(always)]
+    fn leave<S: Simd>(&mut self, simd: S, course: &Course<T>, stack: &mut TraversalStack) -> u32 {
+        let scene = course.scene;
+        if scene.region_strength != 0.0 {
+            let center = region_center::<T>(course);
+            let from_center = [self.x[0] - center[0], self.x[1] - center[1], self.x[2] - center[2]];
+            self.d = asymptote(from_center, self.d, T::from_f64(f64::from(scene.region_strength)));
+            return STATUS_ESCAPED;
+        }
+        self.cross(simd, course, stack, T::from_f64(f64::from(FAR))).unwrap_or(STATUS_ESCAPED)
+    }
+
+    fn landing(&self, status: u32, observed: &Observed<T>) -> Landing<T> {
+        let (hit, position) = match self.hit {
+            Some((hit, position)) => (hit, position),
+            None => (Hit::none(0.0), to_vec3(self.x)),
         };
         let exact = self.hit.is_none();
         let from32 = |v: Vec3| v.to_array().map(|c| T::from_f64(f64::from(c)));
+        let direction = observed.direction.unwrap_or(self.d);
         Landing {
             arrival: Arrival {
                 position,
                 primitive: hit.primitive,
-                direction,
+                direction: to_vec3(direction),
                 status,
                 u: hit.u,
                 v: hit.v,
-                path_length: self.length,
-                redshift,
+                path_length: self.length.to_f32(),
+                redshift: observed.redshift,
                 steps: self.steps,
                 chords: self.chords,
-                constraint_error,
+                constraint_error: observed.constraint_error,
+                frame_diagonal: observed.frame[0].into(),
+                frame_lower: observed.frame[1].into(),
+                doppler: observed.doppler,
+                side: self.side,
             },
             position: if exact { self.x } else { from32(position) },
-            direction: if exact { self.d } else { from32(direction) },
-            velocity: self.p,
+            direction,
+            momentum: self.p,
+            parameter: self.parameter,
+            length: self.length,
         }
     }
 }
 
-/// Lane storage of the rays in flight.
-struct Lanes<T> {
-    x: [[T; MAX_LANES]; 3],
-    p: [[T; MAX_LANES]; 3],
-    a: [[T; MAX_LANES]; 3],
-    h: [T; MAX_LANES],
-    energy: [T; MAX_LANES],
-    width: [T; MAX_LANES],
-    spread: [T; MAX_LANES],
-    length: [T; MAX_LANES],
-    lapse: [T; MAX_LANES],
-    index: [usize; MAX_LANES],
-    steps: [u32; MAX_LANES],
-    chords: [u32; MAX_LANES],
-}
-
-impl<T: Scalar> Lanes<T> {
-    fn solo(&self, i: usize) -> Solo<T> {
-        let p = [self.p[0][i], self.p[1][i], self.p[2][i]];
-        let size = dot(p, p).sqrt();
-        Solo {
-            x: [self.x[0][i], self.x[1][i], self.x[2][i]],
-            d: [p[0] / size, p[1] / size, p[2] / size],
-            p,
-            length: self.length[i].to_f32(),
-            steps: self.steps[i],
-            chords: self.chords[i],
-            hit: None,
-        }
-    }
-}
-
-/// Traces `count` rays through the model `M`, `L::LANES` at a time.
+/// Traces `count` rays through the world's model, `T::WIDTH` at a time.
 #[inline(always)]
-pub fn advance_curved<M: Model, L: Lane<Real = T>, S: Simd, T: Scalar>(
+pub fn advance_curved<S: Simd, T: Scalar>(
     simd: S,
-    token: L::Token,
     course: &Course<T>,
     stack: &mut TraversalStack,
     count: usize,
@@ -197,218 +206,268 @@ pub fn advance_curved<M: Model, L: Lane<Real = T>, S: Simd, T: Scalar>(
     mut land: impl FnMut(usize, Landing<T>),
 ) {
     let scene = course.scene;
-    let zero = T::from_f64(0.0);
-    let euler = scene.method == METHOD_EULER;
-    let mut lanes = Lanes {
-        x: [[T::from_f64(1e6); MAX_LANES]; 3],
-        p: [[T::from_f64(1.0); MAX_LANES]; 3],
-        a: [[zero; MAX_LANES]; 3],
-        h: [zero; MAX_LANES],
-        energy: [T::from_f64(1.0); MAX_LANES],
-        width: [T::from_f64(1.0); MAX_LANES],
-        spread: [zero; MAX_LANES],
-        length: [zero; MAX_LANES],
-        lapse: [T::from_f64(1.0); MAX_LANES],
-        index: [0; MAX_LANES],
-        steps: [0; MAX_LANES],
-        chords: [0; MAX_LANES],
-    };
+    let functions = PointFunctions::<T>::of(course.kind);
+    let integrate = integrate_kernel::<S, T>(course.kind);
+    let medium = course.kind.class() == Class::Medium;
+    let euler = scene.method == METHOD_EULER && medium;
+    let mut lanes = Lanes::<T>::new();
     let mut next = 0;
     let mut live = 0u32;
-    let center = region_center::<T>(scene);
-    let radius = T::from_f64(f64::from(scene.region_radius));
-    let limit = course.length.map(T::from_f64);
+    let stops = course.stop != Stop::Never;
     loop {
         // Fill the lanes that are free.
-        let mut free = !live & ((1u32 << L::LANES) - 1);
+        let mut free = !live & ((1u32 << T::WIDTH) - 1);
         while free != 0 && next < count {
             let lane = free.trailing_zeros() as usize;
             free &= free - 1;
-            if refill::<M, S, T>(simd, course, stack, &mut lanes, lane, &mut next, count, &launch, &mut land) {
+            if refill(simd, course, &functions, stack, &mut lanes, lane, &mut next, count, &launch, &mut land) {
                 live |= 1 << lane;
             }
         }
         if live == 0 {
             return;
         }
-
-        // Step every lane.
-        let flight = Flight { x: load3(token, &lanes.x), p: load3(token, &lanes.p), a: load3::<L, MAX_LANES>(token, &lanes.a) };
-        let h = L::load(token, &lanes.h);
-        let energy = L::load(token, &lanes.energy);
-        let length = L::load(token, &lanes.length);
-        let cone = L::load(token, &lanes.spread).mul_add(length, L::load(token, &lanes.width));
-        let size = flight.x[0].max(-flight.x[0]).max(flight.x[1].max(-flight.x[1])).max(flight.x[2].max(-flight.x[2]));
-        let floor = size * L::constant(token, T::TOLERANCE_FLOOR);
-        let tolerance = (cone * L::constant(token, f64::from(scene.tolerance))).max(floor);
-        let (moved, error) = if euler {
-            let kick = if scene.literal_kick == 1 { L::constant(token, 1.0) } else { h };
-            (euler_step::<M, L>(token, course.model, energy, &flight, h, kick), L::constant(token, 0.0))
-        } else {
-            nystrom_step::<M, L>(token, course.model, energy, &flight, h)
-        };
-        let accepted = L::bits(error.lt(tolerance));
-
-        // Choose the next step length, inside what the model allows at the place it starts from.
-        let speed = dot(moved.p, moved.p).sqrt();
-        let safe = M::safe_step::<L>(token, course.model, moved.x) / speed;
-        let proposed = h * step_factor(token, error, tolerance);
-        let next_h = if euler { h } else { proposed.min(safe) };
-        let alive = M::capture_distance::<L>(token, course.model, moved.x);
-        let captured = L::bits(alive.lt(L::constant(token, 0.0)));
-        let from_center =
-            [moved.x[0] - L::splat(token, center[0]), moved.x[1] - L::splat(token, center[1]), moved.x[2] - L::splat(token, center[2])];
-        let outside = L::both(
-            L::splat(token, radius * radius).lt(dot(from_center, from_center)),
-            L::constant(token, 0.0).lt(dot(from_center, moved.p)),
-        );
-        let outside = L::bits(outside);
-        // The thesis' steps have the length they are given.
-        let travelled = if euler { h } else { arc_length(token, &flight, &moved, h) };
-
-        let mut x1 = [[zero; MAX_LANES]; 3];
-        let mut p1 = [[zero; MAX_LANES]; 3];
-        let mut a1 = [[zero; MAX_LANES]; 3];
-        let [mut h1, mut rejected_h, mut travel, mut cones] = [[zero; MAX_LANES]; 4];
-        for axis in 0..3 {
-            moved.x[axis].store(&mut x1[axis]);
-            moved.p[axis].store(&mut p1[axis]);
-            moved.a[axis].store(&mut a1[axis]);
-        }
-        next_h.store(&mut h1);
-        proposed.store(&mut rejected_h);
-        travelled.store(&mut travel);
-        cone.store(&mut cones);
-
-        // Look for geometry along the accepted steps.
-        let mut todo = live;
-        while todo != 0 {
-            let i = todo.trailing_zeros() as usize;
-            todo &= todo - 1;
-            lanes.steps[i] += 1;
-            if accepted >> i & 1 == 0 {
-                lanes.h[i] = rejected_h[i];
-                if lanes.steps[i] >= scene.max_steps {
-                    finish::<M, T>(course, &lanes, i, lanes.solo(i), STATUS_EXHAUSTED, &mut land);
-                    live &= !(1 << i);
-                }
-                continue;
-            }
-            let at = |v: &[[T; MAX_LANES]; 3]| Vec3::new(v[0][i].to_f32(), v[1][i].to_f32(), v[2][i].to_f32());
-            let (start, end) = (at(&lanes.x), at(&x1));
-            let scale = lanes.h[i].to_f32();
-            let (tangent0, tangent1) = if euler { (end - start, end - start) } else { (at(&lanes.p) * scale, at(&p1) * scale) };
-            let mut ended = None;
-            let mut solo = None;
-            let step = hermite(start, end, tangent0, tangent1);
-            let span = occupied_span(&course.view, &step);
-            if span.x < span.y {
-                lanes.chords[i] += 1;
-                let curve = cut_span(&step, span.x, span.y, scene.chord_tolerance * cones[i].to_f32());
-                let mut hit = Hit::none(1.0);
-                closest_hit(simd, &course.view, &curve, stack, &mut hit);
-                if hit.primitive != NO_INDEX {
-                    let mut landed = lanes.solo(i);
-                    landed.length += travel[i].to_f32() * (span.x + (span.y - span.x) * hit.t);
-                    landed.hit = Some((hit, hit_position(&curve, hit.t), curve_tangent(&curve, hit.t)));
-                    ended = Some(STATUS_HIT);
-                    solo = Some(landed);
-                }
-            }
-            for axis in 0..3 {
-                lanes.x[axis][i] = x1[axis][i];
-                lanes.p[axis][i] = p1[axis][i];
-                lanes.a[axis][i] = a1[axis][i];
-            }
-            lanes.length[i] = lanes.length[i] + travel[i];
-            lanes.h[i] = h1[i];
-
-            // See whether the ray is over.
-            if ended.is_none() {
-                if captured >> i & 1 == 1 {
-                    ended = Some(STATUS_CAPTURED);
-                } else if outside >> i & 1 == 1 {
-                    let mut leaving = lanes.solo(i);
-                    ended = Some(leaving.leave(simd, course, stack));
-                    solo = Some(leaving);
-                } else if lanes.steps[i] >= scene.max_steps {
-                    ended = Some(STATUS_EXHAUSTED);
-                } else if let Some(limit) = limit {
-                    let left = limit - lanes.length[i];
-                    let size = dot([p1[0][i], p1[1][i], p1[2][i]], [p1[0][i], p1[1][i], p1[2][i]]).sqrt();
-                    let reached = if euler {
-                        left.to_f64() < 0.5 * lanes.h[i].to_f64()
-                    } else {
-                        left.to_f64().abs() <= 100.0 * T::TOLERANCE_FLOOR * limit.to_f64()
-                    };
-                    if reached {
-                        ended = Some(STATUS_FLYING);
-                    } else if !euler {
-                        // Near the end the rest is stepped exactly, back if the last step went too far.
-                        lanes.h[i] = Lane::min(lanes.h[i], left / size);
+        let captured = integrate(simd, course, &mut lanes);
+        let masks = judge_lanes::<T::Register<S>, T>(simd, course, &mut lanes, live);
+        let mut accepted = masks.accepted & live;
+        let mut reached = 0;
+        if stops {
+            for i in 0..T::WIDTH {
+                if accepted >> i & 1 == 1 {
+                    match approach_stop(course, &functions, &mut lanes, i, euler) {
+                        Approach::Before => {}
+                        Approach::Reached => reached |= 1 << i,
+                        Approach::Beyond => accepted &= !(1 << i),
                     }
                 }
             }
+        }
+        for steps in &mut lanes.steps[..T::WIDTH] {
+            *steps += 1;
+        }
+
+        // Look for hits along the steps that may meet something.
+        let mut todo = masks.occupied & accepted;
+        while todo != 0 {
+            let i = todo.trailing_zeros() as usize;
+            todo &= todo - 1;
+            lanes.chords[i] += 1;
+            let (from, to) = (lanes.next.from[i].to_f32(), lanes.next.to[i].to_f32());
+            let curve = step_curve(&lanes, i, euler);
+            let curve = cut_span(&curve, from, to, scene.chord_tolerance * lanes.next.cone[i].to_f32());
+            let mut hit = Hit::none(1.0);
+            closest_hit(simd, &course.view, &curve, lanes.side[i], stack, &mut hit);
+            if hit.primitive != NO_INDEX {
+                let s = from + (to - from) * hit.t;
+                let landed = land_on_surface(&lanes, i, s, (hit, hit_position(&curve, hit.t)));
+                finish(course, &functions, &lanes, i, landed, STATUS_HIT, &mut land);
+                live &= !(1 << i);
+            }
+        }
+        lanes.commit(accepted & live);
+        if course.model.throat.to_f64() > 0.0 {
+            let mut todo = masks.crossed & accepted & live;
+            while todo != 0 {
+                let i = todo.trailing_zeros() as usize;
+                todo &= todo - 1;
+                cross_throat(course, &functions, &mut lanes, i);
+            }
+        }
+
+        // See which rays are over.
+        let mut worn_out = 0;
+        for i in 0..T::WIDTH {
+            worn_out |= u32::from(lanes.steps[i] >= scene.max_steps) << i;
+        }
+        let moved = accepted & live;
+        let mut todo = moved & (captured | masks.outside | reached) | live & worn_out;
+        while todo != 0 {
+            let i = todo.trailing_zeros() as usize;
+            todo &= todo - 1;
+            let is = |mask: u32| (moved & mask) >> i & 1 == 1;
+            let mut solo = None;
+            let ended = if is(reached) {
+                Some(STATUS_STOPPED)
+            } else if is(captured) {
+                Some(STATUS_CAPTURED)
+            } else if is(masks.outside) && masks.crossed >> i & 1 == 0 {
+                let mut leaving = Solo::of_lane(&lanes, i);
+                let status = leaving.leave(simd, course, stack);
+                solo = Some(leaving);
+                Some(status)
+            } else if worn_out >> i & 1 == 1 {
+                Some(STATUS_EXHAUSTED)
+            } else {
+                None
+            };
             if let Some(status) = ended {
-                let solo = solo.unwrap_or_else(|| lanes.solo(i));
-                finish::<M, T>(course, &lanes, i, solo, status, &mut land);
+                let solo = solo.unwrap_or_else(|| Solo::of_lane(&lanes, i));
+                finish(course, &functions, &lanes, i, solo, status, &mut land);
                 live &= !(1 << i);
             }
         }
     }
 }
 
-impl<T: Scalar> Solo<T> {
-    /// Leaves the region outward: straight on past whatever is there, or along the asymptote of the far field.
-    #[inline(always)]
-    fn leave<S: Simd>(&mut self, simd: S, course: &Course<T>, stack: &mut TraversalStack) -> u32 {
-        let scene = course.scene;
-        if scene.region_strength != 0.0 {
-            let center = region_center::<T>(scene);
-            let from_center = [self.x[0] - center[0], self.x[1] - center[1], self.x[2] - center[2]];
-            self.d = asymptote(from_center, self.d, T::from_f64(f64::from(scene.region_strength)));
-            return STATUS_ESCAPED;
-        }
-        self.cross(simd, course, stack, T::from_f64(f64::from(FAR))).unwrap_or(STATUS_ESCAPED)
+/// The step in hand of lane `i` as a cubic.
+#[inline(always)]
+fn step_curve<T: Scalar>(lanes: &Lanes<T>, i: usize, euler: bool) -> Curve {
+    let at = |v: &[Row<T>; 3]| Vec3::new(v[0][i].to_f32(), v[1][i].to_f32(), v[2][i].to_f32());
+    let (start, end) = (at(&lanes.x), at(&lanes.next.x));
+    let h = lanes.h[i].to_f32();
+    if euler { hermite(start, end, end - start, end - start) } else { hermite(start, end, at(&lanes.v) * h, at(&lanes.next.v) * h) }
+}
+
+/// Lane `i` where it met a surface at the share `s` of its step: momentum from the cubic through both ends.
+#[inline(always)]
+fn land_on_surface<T: Scalar>(lanes: &Lanes<T>, i: usize, s: f32, hit: (Hit, Vec3)) -> Solo<T> {
+    let mut solo = Solo::of_lane(lanes, i);
+    let s = T::from_f64(f64::from(s));
+    let h = lanes.h[i];
+    let (one, two, three) = (T::from_f64(1.0), T::from_f64(2.0), T::from_f64(3.0));
+    let rest = one - s;
+    for axis in 0..3 {
+        let (p0, p1) = (lanes.p[axis][i], lanes.next.p[axis][i]);
+        let (a0, a1) = (lanes.a[axis][i] * h, lanes.next.a[axis][i] * h);
+        solo.p[axis] = rest * rest * (p0 * (one + two * s) + a0 * s) + s * s * (p1 * (three - two * s) - a1 * rest);
     }
+    solo.parameter = solo.parameter + h * s;
+    solo.length = solo.length + lanes.next.travelled[i] * s;
+    solo.hit = Some(hit);
+    solo
+}
+
+/// Where a step ends with respect to where the ray is to stop.
+enum Approach {
+    /// Short of it.
+    Before,
+    /// There.
+    Reached,
+    /// Past it: the step is to be taken again, shorter.
+    Beyond,
+}
+
+/// Signed distance of a point of a ray from where it is to stop: negative before it, for a plane on one side of it.
+pub fn stop_distance<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>, x: [T; 3], length: T, parameter: T) -> T {
+    let value = |v: f64| T::from_f64(v);
+    match course.stop {
+        Stop::Never => value(-1.0),
+        Stop::Length(s) => length - value(s),
+        Stop::Parameter(t) => parameter - value(t),
+        Stop::Sphere(radius) => (functions.coordinate_radius)((), course.model, x) - value(radius),
+        Stop::Plane(normal, d) => dot(normal.map(value), x) - value(d),
+    }
+}
+
+/// Judges the accepted step of lane `i` by the stop; a step beyond is shortened to where the chord of the distances says it is.
+#[inline(always)]
+fn approach_stop<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>, lanes: &mut Lanes<T>, i: usize, euler: bool) -> Approach {
+    let x = [lanes.next.x[0][i], lanes.next.x[1][i], lanes.next.x[2][i]];
+    let (length, parameter) = (lanes.length[i] + lanes.next.travelled[i], lanes.parameter[i] + lanes.h[i]);
+    let before = lanes.until[i];
+    let after = stop_distance(course, functions, x, length, parameter);
+    let size = x.iter().fold(1.0, |m: f64, c| m.max(c.to_f64().abs()));
+    let slack = 100.0 * T::TOLERANCE_FLOOR * size.max(course.stop.size());
+    let plane = matches!(course.stop, Stop::Plane(..));
+    let armed = if plane { before.to_f64().abs() > slack } else { before.to_f64() < 0.0 };
+    if euler && matches!(course.stop, Stop::Length(_)) {
+        // A recurrence is not cut: it stops after the step that ends nearest.
+        lanes.until[i] = after;
+        return if -after.to_f64() < 0.5 * lanes.h[i].to_f64() { Approach::Reached } else { Approach::Before };
+    }
+    if armed && after.to_f64().abs() <= slack {
+        return Approach::Reached;
+    }
+    if armed && before.to_f64() * after.to_f64() < 0.0 {
+        lanes.next.h[i] = lanes.h[i] * (before / (before - after));
+        return Approach::Beyond;
+    }
+    lanes.until[i] = after;
+    Approach::Before
+}
+
+/// Inverts lane `i`, which came below the throat of a wormhole, to the other side.
+fn cross_throat<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>, lanes: &mut Lanes<T>, i: usize) {
+    let model = course.model;
+    let x = [0, 1, 2].map(|axis| lanes.x[axis][i] - model.origin[axis]);
+    let p = [lanes.p[0][i], lanes.p[1][i], lanes.p[2][i]];
+    let (x, p) = invert_through(x, p, model.throat);
+    let x = [0, 1, 2].map(|axis| x[axis] + model.origin[axis]);
+    let (v, a) = (functions.rate)((), model, x, p, lanes.energy[i], lanes.sense[i], lanes.parameter[i]);
+    let before = [lanes.v[0][i], lanes.v[1][i], lanes.v[2][i]];
+    // Coordinates are stretched differently where the ray comes out; its steps are as long there as here.
+    lanes.h[i] = lanes.h[i] * (dot(before, before) / dot(v, v)).sqrt();
+    for axis in 0..3 {
+        (lanes.x[axis][i], lanes.p[axis][i]) = (x[axis], p[axis]);
+        (lanes.v[axis][i], lanes.a[axis][i]) = (v[axis], a[axis]);
+    }
+    lanes.side[i] ^= 1;
 }
 
 /// Center of the bending region.
 #[inline(always)]
-fn region_center<T: Scalar>(scene: &SceneParameters) -> [T; 3] {
-    let c = scene.region_center;
-    [T::from_f64(f64::from(c[0])), T::from_f64(f64::from(c[1])), T::from_f64(f64::from(c[2]))]
+fn region_center<T: Scalar>(course: &Course<T>) -> [T; 3] {
+    course.scene.region_center.map(|c| T::from_f64(f64::from(c)))
 }
 
 /// Reports the end of lane `i`.
 #[inline(always)]
-fn finish<M: Model, T: Scalar>(
+fn finish<T: Scalar>(
     course: &Course<T>,
+    functions: &PointFunctions<T>,
     lanes: &Lanes<T>,
     i: usize,
     solo: Solo<T>,
     status: u32,
     land: &mut impl FnMut(usize, Landing<T>),
 ) {
-    let lapse = if status == STATUS_ESCAPED {
-        1.0
-    } else {
-        let end = solo.hit.map_or(solo.x, |(_, position, _)| position.to_array().map(|c| T::from_f64(f64::from(c))));
-        M::lapse::<T>((), course.model, end).to_f64()
+    let model = course.model;
+    let x = solo.hit.map_or(solo.x, |(_, position)| position.to_array().map(|c| T::from_f64(f64::from(c))));
+    let (energy, sense) = (lanes.energy[i], lanes.sense[i]);
+    let (direction, frequency, _) = (functions.observe)((), model, x, solo.p, energy, sense, solo.parameter);
+    let (_, _, drift) = (functions.observe)(
+        (),
+        model,
+        [lanes.x[0][i], lanes.x[1][i], lanes.x[2][i]],
+        [lanes.p[0][i], lanes.p[1][i], lanes.p[2][i]],
+        energy,
+        sense,
+        lanes.parameter[i],
+    );
+    let escaped = status == STATUS_ESCAPED;
+    let medium = course.kind.class() == Class::Medium;
+    let end = if escaped { (functions.far_frequency)((), model, solo.p, energy) } else { frequency };
+    let mut frame = [[1.0; 3], [0.0; 3]];
+    if solo.hit.is_some() && course.kind.class() == Class::Metric {
+        let (diagonal, lower) = (functions.frame)((), model, x);
+        frame = [diagonal.map(Real::to_f32), lower.map(Real::to_f32)];
+    }
+    let mut doppler = 1.0;
+    if let Some((hit, position)) = solo.hit
+        && let Some(velocity) = matter_velocity(&course.view, &hit, position)
+    {
+        let velocity = velocity.to_array().map(|c| T::from_f64(f64::from(c)));
+        let emitted = (functions.matter_frequency)((), model, x, solo.p, energy, sense, velocity);
+        doppler = (frequency / emitted).to_f32();
+    }
+    let observed = Observed {
+        // A medium's escaped ray has its asymptotic direction already.
+        direction: if escaped && medium { None } else { Some(direction) },
+        redshift: (lanes.frequency[i] / end).to_f32(),
+        constraint_error: drift.to_f32().abs(),
+        frame,
+        doppler,
     };
-    let (n, _) = M::medium::<T>((), course.model, [lanes.x[0][i], lanes.x[1][i], lanes.x[2][i]], lanes.energy[i]);
-    let size = dot(solo.p, solo.p).sqrt();
-    let drift = (size.to_f64() / n.to_f64() - 1.0).abs();
-    let redshift = lapse / lanes.lapse[i].to_f64();
-    land(lanes.index[i], solo.landing(status, redshift as f32, drift as f32));
+    land(lanes.index[i], solo.landing(status, &observed));
 }
 
 /// Puts the next ray that has to be integrated into lane `i`; rays that end before are reported. False when none is left.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "the state of one loop, split so that it can be read")]
-fn refill<M: Model, S: Simd, T: Scalar>(
+fn refill<S: Simd, T: Scalar>(
     simd: S,
     course: &Course<T>,
+    functions: &PointFunctions<T>,
     stack: &mut TraversalStack,
     lanes: &mut Lanes<T>,
     i: usize,
@@ -417,49 +476,57 @@ fn refill<M: Model, S: Simd, T: Scalar>(
     launch: &impl Fn(usize) -> Launch<T>,
     land: &mut impl FnMut(usize, Landing<T>),
 ) -> bool {
-    let scene = course.scene;
-    let center = region_center(scene);
+    let (scene, model) = (course.scene, course.model);
+    let center = region_center(course);
     let radius = T::from_f64(f64::from(scene.region_radius));
     while *next < count {
         let index = *next;
         *next += 1;
         let ray = launch(index);
         let mut solo = Solo::new(&ray);
-        let lapse = M::lapse::<T>((), course.model, ray.origin).to_f64();
         let entry = enter_sphere(solo.x, solo.d, center, radius);
         if entry.to_f64() != 0.0 {
             // The ray starts outside: it goes straight to the region, or past it.
-            let margin = 1.0 + REGION_MARGIN;
+            let margin = 1.0 + T::REGION_MARGIN;
             let distance = if entry.to_f64() < 0.0 { T::from_f64(f64::from(FAR)) } else { T::from_f64(entry.to_f64() * margin) };
             let ended = solo.cross(simd, course, stack, distance);
             let status = if entry.to_f64() < 0.0 { Some(ended.unwrap_or(STATUS_ESCAPED)) } else { ended };
             if let Some(status) = status {
-                land(index, solo.landing(status, (1.0 / lapse) as f32, 0.0));
+                land(index, solo.landing(status, &Observed::flat()));
                 continue;
             }
         }
-        let energy = M::launch_energy::<T>((), course.model, solo.x, ray.speed);
-        let (n, gradient) = M::medium::<T>((), course.model, solo.x, energy);
-        let a = [gradient[0] * n, gradient[1] * n, gradient[2] * n];
-        let safe = M::safe_step::<T>((), course.model, solo.x);
-        let mut h = if scene.method == METHOD_EULER { course.model.step } else { first_step((), n, a, safe) };
-        if let (Some(limit), false) = (course.length, scene.method == METHOD_EULER) {
-            h = Lane::min(h, T::from_f64(limit) / n);
-        }
-        for (axis, force) in a.into_iter().enumerate() {
+        let (p, energy, frequency) = (functions.launch)((), model, solo.x, solo.d, ray.speed, ray.sense);
+        let zero = T::from_f64(0.0);
+        let (v, a) = (functions.rate)((), model, solo.x, p, energy, ray.sense, zero);
+        let flight = Flight { x: solo.x, p, v, a };
+        let speed = dot(v, v).sqrt();
+        let h = if !fixed_step(scene, model) {
+            first_step((), &flight, (functions.safe_step)((), model, solo.x))
+        } else if scene.method == METHOD_RUNGE_KUTTA {
+            model.step / speed
+        } else {
+            model.step
+        };
+        for axis in 0..3 {
             lanes.x[axis][i] = solo.x[axis];
-            lanes.p[axis][i] = solo.d[axis] * n;
-            lanes.a[axis][i] = force;
+            lanes.p[axis][i] = p[axis];
+            lanes.v[axis][i] = v[axis];
+            lanes.a[axis][i] = a[axis];
         }
         lanes.h[i] = h;
+        lanes.parameter[i] = zero;
         lanes.energy[i] = energy;
+        lanes.sense[i] = ray.sense;
+        lanes.frequency[i] = frequency;
         lanes.width[i] = T::from_f64(f64::from(ray.width));
         lanes.spread[i] = T::from_f64(f64::from(ray.spread));
-        lanes.length[i] = T::from_f64(f64::from(solo.length));
-        lanes.lapse[i] = T::from_f64(lapse);
+        lanes.length[i] = solo.length;
+        lanes.until[i] = stop_distance(course, functions, solo.x, lanes.length[i], zero);
         lanes.index[i] = index;
         lanes.steps[i] = 0;
         lanes.chords[i] = solo.chords;
+        lanes.side[i] = ray.side;
         return true;
     }
     false

@@ -1,8 +1,10 @@
 //! The CPU backend: a wavefront over bands of pixels on a pool of threads, registers of lanes inside.
 
 pub mod advance;
+pub mod step;
 
-use super::{Backend, KernelTiming, Precision, TraceOptions, TraceRay, TraceResult, widen};
+use super::{Backend, KernelTiming, Precision, Prepared, RawLanding, Stop, TraceOptions, TraceRay, TraceResult, widen};
+use crate::dispatch;
 use crate::error::{Error, Result};
 use crate::film::{Film, PixelSum, Statistics, add_sample};
 use crate::kernels::bvh::{EMPTY_STACK, TraversalStack};
@@ -12,15 +14,16 @@ use crate::kernels::layout::{Aov, SceneParameters};
 use crate::kernels::path::*;
 use crate::kernels::rng::pixel_seed;
 use crate::kernels::view::SceneView;
-use crate::spacetime::{ModelKind, PowerGravity, Schwarzschild, ThesisGravity};
+use crate::spacetime::ModelKind;
 use crate::world::{Reach, World};
-use advance::{Course, Landing, Launch, Scalar, advance_curved, advance_straight};
-use fearless_simd::{Level, dispatch, f32x16, f64x8};
+use advance::{Landing, Launch, advance_curved, advance_straight};
+use fearless_simd::Level;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
+use step::{Course, Scalar};
 
 /// Pixels of one unit of work: their paths fit the second-level cache.
 const BATCH: usize = 1024;
@@ -45,53 +48,35 @@ pub struct CpuBackend {
 /// Rays that can be advanced, in both precisions.
 trait Advance: Scalar {
     fn model(models: &(ModelBlock<f32>, ModelBlock<f64>)) -> &ModelBlock<Self>;
-
-    /// Traces `count` rays through whatever model the world has, with the widest registers there are.
-    fn advance(
-        level: Level,
-        kind: ModelKind,
-        course: &Course<Self>,
-        stack: &mut TraversalStack,
-        count: usize,
-        launch: impl Fn(usize) -> Launch<Self>,
-        land: impl FnMut(usize, Landing<Self>),
-    );
 }
 
-macro_rules! advance_in {
-    ($real:ident, $vector:ident, $field:tt) => {
-        impl Advance for $real {
-            fn model(models: &(ModelBlock<f32>, ModelBlock<f64>)) -> &ModelBlock<$real> {
-                &models.$field
-            }
-
-            fn advance(
-                level: Level,
-                kind: ModelKind,
-                course: &Course<$real>,
-                stack: &mut TraversalStack,
-                count: usize,
-                launch: impl Fn(usize) -> Launch<$real>,
-                land: impl FnMut(usize, Landing<$real>),
-            ) {
-                match kind {
-                    ModelKind::Flat => dispatch!(level, simd => advance_straight(simd, course, stack, count, launch, land)),
-                    ModelKind::ThesisGravity => {
-                        dispatch!(level, simd => advance_curved::<ThesisGravity, $vector<_>, _, _>(simd, simd, course, stack, count, launch, land))
-                    }
-                    ModelKind::PowerGravity => {
-                        dispatch!(level, simd => advance_curved::<PowerGravity, $vector<_>, _, _>(simd, simd, course, stack, count, launch, land))
-                    }
-                    ModelKind::Schwarzschild => {
-                        dispatch!(level, simd => advance_curved::<Schwarzschild, $vector<_>, _, _>(simd, simd, course, stack, count, launch, land))
-                    }
-                }
-            }
-        }
-    };
+impl Advance for f32 {
+    fn model(models: &(ModelBlock<f32>, ModelBlock<f64>)) -> &ModelBlock<f32> {
+        &models.0
+    }
 }
-advance_in!(f32, f32x16, 0);
-advance_in!(f64, f64x8, 1);
+
+impl Advance for f64 {
+    fn model(models: &(ModelBlock<f32>, ModelBlock<f64>)) -> &ModelBlock<f64> {
+        &models.1
+    }
+}
+
+/// Traces `count` rays through whatever model the world has, with the widest registers there are.
+fn advance<T: Scalar>(
+    level: Level,
+    course: &Course<T>,
+    stack: &mut TraversalStack,
+    count: usize,
+    launch: impl Fn(usize) -> Launch<T>,
+    land: impl FnMut(usize, Landing<T>),
+) {
+    if course.kind == ModelKind::Flat {
+        dispatch!(level, simd => advance_straight(simd, course, stack, count, launch, land))
+    } else {
+        dispatch!(level, simd => advance_curved(simd, course, stack, count, launch, land))
+    }
+}
 
 impl CpuBackend {
     /// A backend on `threads` threads, or on every core.
@@ -153,31 +138,40 @@ impl CpuBackend {
     fn trace_in<T: Advance>(&mut self, rays: &[TraceRay], options: TraceOptions, reach: Reach) -> Result<Vec<TraceResult>> {
         let world = self.world()?;
         let origins: Vec<[f64; 3]> = rays.iter().map(|r| r.origin).collect();
-        let scene: SceneParameters = world.trace_parameters(&origins, reach, options.tolerance, options.length.is_some());
-        let course = Course { view: world.view(), scene: &scene, model: T::model(&self.models), length: options.length };
-        let gravity = matches!(world.model, ModelKind::ThesisGravity | ModelKind::PowerGravity);
+        let scene: SceneParameters = world.trace_parameters(&origins, reach, options);
+        let kind = world.traced_model(options.stop);
+        let course = Course { view: world.view(), scene: &scene, model: T::model(&self.models), kind, stop: options.stop };
         let level = self.level;
         let trace_chunk = |rays: &[TraceRay]| {
+            let prepared: Vec<Prepared> = rays.iter().map(|r| Prepared::new(&world, r)).collect();
             let mut results: Vec<Option<TraceResult>> = vec![None; rays.len()];
             let launch = |i: usize| {
-                let d = rays[i].direction;
-                let size = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+                let p = &prepared[i];
                 Launch {
-                    origin: rays[i].origin.map(T::from_f64),
-                    direction: d.map(|c| T::from_f64(c / size)),
-                    speed: T::from_f64(if gravity { size } else { 1.0 }),
+                    origin: p.origin.map(T::from_f64),
+                    direction: p.direction.map(T::from_f64),
+                    speed: T::from_f64(p.speed),
+                    sense: T::from_f64(p.sense),
+                    side: p.side,
                     width: 1.0,
                     spread: 0.0,
                 }
             };
             let mut stack = EMPTY_STACK;
-            T::advance(level, world.model, &course, &mut stack, rays.len(), launch, |i, landing| {
-                results[i] = Some(TraceResult {
-                    arrival: landing.arrival,
+            advance(level, &course, &mut stack, rays.len(), launch, |i, landing| {
+                let raw = RawLanding {
+                    status: landing.arrival.status,
+                    primitive: landing.arrival.primitive,
                     position: widen(landing.position),
                     direction: widen(landing.direction),
-                    velocity: widen(landing.velocity),
-                });
+                    momentum: widen(landing.momentum),
+                    length: landing.length.to_f64(),
+                    parameter: landing.parameter.to_f64(),
+                    side: landing.arrival.side,
+                    steps: landing.arrival.steps,
+                    chords: landing.arrival.chords,
+                };
+                results[i] = Some(prepared[i].result(&world, &raw));
             });
             results.into_iter().flatten().collect::<Vec<_>>()
         };
@@ -242,7 +236,7 @@ impl<T: Advance> Shared<'_, T> {
         mut resolve: impl FnMut(usize, [f32; 3], Option<Aov>) -> bool,
     ) {
         let view = &self.view;
-        let course = Course { view: *view, scene: view.scene, model: self.model, length: None };
+        let course = Course { view: *view, scene: view.scene, model: self.model, kind: self.kind, stop: Stop::Never };
         let mut clock = StageClock::new();
         scratch.paths.clear();
         dispatch!(self.level, _simd => scratch.paths.extend(pixels.iter().map(#[inline(always)] |&(x, y)| start_path(view, x, y, sample))));
@@ -262,11 +256,13 @@ impl<T: Advance> Shared<'_, T> {
                     origin: convert(path.origin),
                     direction: convert(path.direction),
                     speed: T::from_f64(1.0),
+                    sense: T::from_f64(-1.0),
+                    side: path.side,
                     width: path.width,
                     spread: path.spread,
                 }
             };
-            T::advance(self.level, self.kind, &course, &mut scratch.stack, active.len(), launch, |i, landing| {
+            advance(self.level, &course, &mut scratch.stack, active.len(), launch, |i, landing| {
                 arrivals[i] = Some(landing.arrival);
             });
             nanos[1] += clock.lap();

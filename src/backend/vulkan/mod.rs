@@ -10,30 +10,29 @@ pub mod device;
 pub mod instance;
 pub mod pipeline;
 mod scene;
+mod trace;
 
 use super::{Backend, KernelTiming, Precision, TraceOptions, TraceRay, TraceResult};
 use crate::error::{Error, Result};
 use crate::film::{Film, Statistics};
 use crate::kernels::constants::*;
 use crate::kernels::layout::Aov;
-use crate::kernels::path::Arrival;
 use crate::spacetime::ModelKind;
-use crate::world::{Reach, World};
+use crate::world::World;
 use buffer::Buffer;
 use bytemuck::{Pod, Zeroable};
 use command::Commands;
 use device::Device;
-use glam::Vec3;
 use gpu_allocator::MemoryLocation;
 use instance::Instance;
 use pipeline::{Layout, Pipeline, kernel_spirv};
-use scene::{DeviceScene, download, upload_at};
+use scene::{DeviceScene, download};
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Words of 16 bytes that a path takes in memory (`bindings.glsl`).
-const PATH_WORDS: u64 = 14;
+const PATH_WORDS: u64 = 17;
 /// Most path slots.
 const MAX_SLOTS: u64 = 1 << 21;
 /// Slots of the first batch, before anything was measured.
@@ -62,8 +61,10 @@ struct Push {
     parity: u32,
     stage: u32,
     capacity: u32,
-    length_limit: f32,
     tracing: u32,
+    stop: u32,
+    stop_high: [f32; 4],
+    stop_low: [f32; 4],
 }
 
 /// Pipelines of one model and precision.
@@ -80,7 +81,6 @@ struct Kernels {
 struct Loaded {
     world: Arc<World>,
     precision: Precision,
-    model: ModelKind,
     kernels: Kernels,
     scene: DeviceScene,
     sums: Buffer,
@@ -157,18 +157,19 @@ impl VulkanBackend {
         &self.device
     }
 
+    fn kernel(&self, name: &str) -> Result<Pipeline> {
+        let code = kernel_spirv(name).ok_or_else(|| Error::Vulkan { call: "kernel_spirv", result: format!("no kernel `{name}`") })?;
+        Pipeline::new(&self.device, &self.layout, name, code)
+    }
+
     fn kernels(&self, model: ModelKind, precision: Precision) -> Result<Kernels> {
-        let build = |name: &str| {
-            let code = kernel_spirv(name).ok_or_else(|| Error::Vulkan { call: "kernel_spirv", result: format!("no kernel `{name}`") })?;
-            Pipeline::new(&self.device, &self.layout, name, code)
-        };
         Ok(Kernels {
-            generate: build("generate")?,
-            prepare: build("prepare")?,
-            advance: build(&format!("advance_{}_{}", model.stem(), precision.suffix()))?,
-            shade: build("shade")?,
-            escape: build("escape")?,
-            resolve: build("resolve")?,
+            generate: self.kernel("generate")?,
+            prepare: self.kernel("prepare")?,
+            advance: self.kernel(&advance_name(model, precision))?,
+            shade: self.kernel("shade")?,
+            escape: self.kernel("escape")?,
+            resolve: self.kernel("resolve")?,
         })
     }
 
@@ -179,7 +180,6 @@ impl VulkanBackend {
             aovs: loaded.aovs.address(),
             aov_sample: loaded.first_sample,
             capacity: self.capacity,
-            length_limit: FAR,
             ..Zeroable::zeroed()
         }
     }
@@ -300,115 +300,11 @@ impl VulkanBackend {
         film.statistics = loaded.statistics;
         Ok(film)
     }
-
-    fn trace_in(&mut self, loaded: &mut Loaded, rays: &[TraceRay], options: TraceOptions) -> Result<Vec<TraceResult>> {
-        let origins: Vec<[f64; 3]> = rays.iter().map(|r| r.origin).collect();
-        let reach = if loaded.precision == Precision::F64 { Reach::Exact } else { Reach::Picture };
-        let parameters = loaded.world.trace_parameters(&origins, reach, options.tolerance, options.length.is_some());
-        loaded.scene.set_parameters(&mut self.commands, &parameters)?;
-        let mut results = Vec::with_capacity(rays.len());
-        for chunk in rays.chunks(self.slots as usize) {
-            let count = chunk.len() as u32;
-            let gravity = matches!(loaded.model, ModelKind::ThesisGravity | ModelKind::PowerGravity);
-            let words = launch_words(chunk, loaded.precision, gravity);
-            let mut staging = Buffer::new(&self.device, "staging", 1 << 20, MemoryLocation::CpuToGpu)?;
-            for (word, values) in words {
-                let offset = word * u64::from(self.capacity) * 16;
-                upload_at(&mut self.commands, &mut staging, &self.paths, offset, bytemuck::cast_slice(&values))?;
-            }
-            let order: Vec<u32> = (0..count).collect();
-            upload_at(&mut self.commands, &mut staging, &self.queues, 0, bytemuck::cast_slice(&order))?;
-            let mut push =
-                Push { slot_count: count, tracing: 1, length_limit: options.length.map_or(FAR, |l| l as f32), ..self.push(loaded) };
-            let mut started = 0;
-            loop {
-                self.commands.begin()?;
-                if started == 0 {
-                    self.commands.clear(&self.counters);
-                    self.commands.barrier();
-                    self.commands.dispatch(&self.layout, &loaded.kernels.prepare, bytemuck::bytes_of(&push), 1);
-                    self.commands.barrier();
-                }
-                for _ in 0..8 {
-                    push.parity = started % 2;
-                    started += 1;
-                    self.record_round(&loaded.kernels, push, false);
-                }
-                if self.finish_submission()?.remaining == 0 {
-                    break;
-                }
-            }
-            let mut read = |word: u64| -> Result<Vec<[u32; 4]>> {
-                let offset = word * u64::from(self.capacity) * 16;
-                let bytes = download(&mut self.commands, &mut self.readback, &self.paths, offset, u64::from(count) * 16)?;
-                Ok(bytemuck::pod_collect_to_vec(&bytes))
-            };
-            let words = [read(4)?, read(5)?, read(6)?, read(7)?, read(8)?, read(9)?, read(10)?, read(11)?];
-            results.extend((0..chunk.len()).map(|i| landing(&words, i, loaded.precision, loaded.model)));
-        }
-        loaded.scene.set_parameters(&mut self.commands, &loaded.world.scene)?;
-        Ok(results)
-    }
 }
 
-/// State words of rays about to be launched: (word, values).
-fn launch_words(rays: &[TraceRay], precision: Precision, gravity: bool) -> Vec<(u64, Vec<[u32; 4]>)> {
-    const FRESH_TRACED: u32 = 0xffff_fffe;
-    let unit = |d: [f64; 3]| {
-        let size = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
-        (d.map(|c| c / size), if gravity { size } else { 1.0 })
-    };
-    let single = |v: [f64; 3], w: f32| [v[0] as f32, v[1] as f32, v[2] as f32, w].map(f32::to_bits);
-    let pair = |a: f64, b: f64| {
-        let (a, b) = (a.to_bits(), b.to_bits());
-        [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32]
-    };
-    let mut words = vec![
-        (0, rays.iter().map(|r| single(r.origin, 1.0)).collect()),
-        (1, rays.iter().map(|r| single(unit(r.direction).0, 0.0)).collect()),
-        (12, vec![[0, 0, FRESH_TRACED, 0]; rays.len()]),
-    ];
-    match precision {
-        Precision::F32 => {
-            words.push((8, rays.iter().map(|r| single(r.origin, unit(r.direction).1 as f32)).collect()));
-            words.push((10, rays.iter().map(|r| single(unit(r.direction).0, 0.0)).collect()));
-        }
-        Precision::F64 => {
-            words.push((8, rays.iter().map(|r| pair(r.origin[0], r.origin[1])).collect()));
-            words.push((9, rays.iter().map(|r| pair(r.origin[2], unit(r.direction).1)).collect()));
-            words.push((10, rays.iter().map(|r| pair(unit(r.direction).0[0], unit(r.direction).0[1])).collect()));
-            words.push((11, rays.iter().map(|r| pair(unit(r.direction).0[2], 0.0)).collect()));
-        }
-    }
-    words
-}
-
-/// The end of ray `i`, from words 4 to 11 of its path.
-fn landing(words: &[Vec<[u32; 4]>; 8], i: usize, precision: Precision, model: ModelKind) -> TraceResult {
-    let word = |w: usize| words[w - 4][i];
-    let floats = |w: usize| word(w).map(f32::from_bits);
-    let double = |w: usize, half: usize| f64::from_bits(u64::from(word(w)[2 * half]) | u64::from(word(w)[2 * half + 1]) << 32);
-    let (p, t, s, l) = (floats(4), floats(5), floats(6), word(7));
-    let arrival = Arrival {
-        position: Vec3::new(p[0], p[1], p[2]),
-        primitive: word(4)[3],
-        direction: Vec3::new(t[0], t[1], t[2]),
-        status: word(5)[3],
-        u: s[0],
-        v: s[1],
-        path_length: s[2],
-        redshift: s[3],
-        steps: l[0],
-        chords: l[1],
-        constraint_error: f32::from_bits(l[2]),
-    };
-    let three = |v: [f32; 4]| [f64::from(v[0]), f64::from(v[1]), f64::from(v[2])];
-    let (position, direction, speed) = match (model, precision) {
-        (ModelKind::Flat, _) => (three(p), three(t), 1.0),
-        (_, Precision::F32) => (three(floats(8)), three(floats(10)), f64::from(floats(10)[3])),
-        (_, Precision::F64) => ([double(8, 0), double(8, 1), double(9, 0)], [double(10, 0), double(10, 1), double(11, 0)], double(11, 1)),
-    };
-    TraceResult { arrival, position, direction, velocity: direction.map(|d| d * speed) }
+/// Name of the kernel that advances rays through a model.
+fn advance_name(model: ModelKind, precision: Precision) -> String {
+    format!("advance_{}_{}", model.stem(), precision.suffix())
 }
 
 impl Backend for VulkanBackend {
@@ -437,7 +333,6 @@ impl Backend for VulkanBackend {
         self.commands.barrier();
         self.commands.submit()?;
         self.loaded = Some(Loaded {
-            model: world.model,
             world,
             precision,
             kernels,

@@ -31,7 +31,7 @@ impl DeviceScene {
             Precision::F64 => model_bytes::<f64>(world),
         };
         let clearance: Vec<u8> = world.clearance.iter().copied().chain([0; 3]).collect();
-        let contents: [(&str, &[u8]); 14] = [
+        let contents: [(&str, &[u8]); 16] = [
             ("nodes", bytemuck::cast_slice(&world.nodes)),
             ("triangle blocks", bytemuck::cast_slice(&world.blocks)),
             ("triangles", bytemuck::cast_slice(&world.triangles)),
@@ -45,6 +45,8 @@ impl DeviceScene {
             ("environment distribution", bytemuck::cast_slice(&world.environment_cdf)),
             ("clearance", &clearance[..clearance.len() & !3]),
             ("albedo", bytemuck::cast_slice(&world.albedo)),
+            ("black bodies", bytemuck::cast_slice(&world.black_bodies)),
+            ("disc profiles", bytemuck::cast_slice(&world.profiles)),
             ("model", &model),
         ];
         let mut arrays = Vec::new();
@@ -73,16 +75,18 @@ impl DeviceScene {
     }
 }
 
-/// Counts, then origin, parameters and sources in the precision of the integrator.
+/// Where parts begin, then origin, step, throat, tableau, parameters and sources in the precision of the integrator.
 fn model_bytes<T: Real>(world: &World) -> Vec<u8> {
     let block = world.model_block::<T>();
     let stride = world.model.source_stride();
     let count = block.sources.len().checked_div(stride).unwrap_or(0);
-    // The shader reads globals and sources from one array: a model has one or the other.
-    let values: Vec<T> = block.origin.iter().chain([&block.step]).chain(&block.global).chain(&block.sources).copied().collect();
-    let mut bytes = Vec::new();
-    bytes.extend_from_slice(&(count as u32).to_le_bytes());
-    bytes.extend_from_slice(&(stride as u32).to_le_bytes());
+    let mut values: Vec<T> = block.origin.iter().chain([&block.step, &block.throat]).chain(&block.tableau).copied().collect();
+    let global_start = values.len();
+    values.extend(&block.global);
+    let source_start = values.len();
+    values.extend(&block.sources);
+    let header = [count, stride, source_start, global_start].map(|v| v as u32);
+    let mut bytes = bytemuck::cast_slice(&header).to_vec();
     bytes.extend_from_slice(bytemuck::cast_slice(&values));
     bytes
 }

@@ -42,6 +42,9 @@ pub fn gradient<const N: usize>(output: Expr, inputs: [Expr; N]) -> [Expr; N] {
             Node::Sqrt(a) => give(a, adjoint * Expr::constant(0.5) / expr),
             Node::Exp(a) => give(a, adjoint * expr),
             Node::Ln(a) => give(a, adjoint / a),
+            Node::Sin(a) => give(a, adjoint * a.cos()),
+            Node::Cos(a) => give(a, -(adjoint * a.sin())),
+            Node::Atan(a) => give(a, adjoint / (one + a * a)),
             Node::Min(a, b) => {
                 give(a, Expr::select_less(a, b, adjoint, zero));
                 give(b, Expr::select_less(a, b, zero, adjoint));

@@ -37,7 +37,7 @@ impl Dialect {
             Dialect::Rust => format!("{a}.{function}()"),
             _ => match function {
                 "sqrt" => format!("sqrt({a})"),
-                // Doubles have no exp and log in GLSL: math.glsl has both, for either precision.
+                // GLSL has these for single precision only: math.glsl has them for either.
                 _ => format!("real_{function}({a})"),
             },
         }
@@ -113,7 +113,7 @@ pub fn statements(dialect: Dialect, prefix: &str, outputs: &[Expr]) -> (String, 
                 _ => format!("{} + {}", name(a), name(b)),
             },
             Node::Sub(a, b) => match (absorbed.contains_key(&a), absorbed.contains_key(&b)) {
-                (true, _) => fuse(dialect, &names, a, &format!("(-{})", name(b))),
+                (true, _) => fuse(dialect, &names, a, &format!("-{}", name(b))),
                 (_, true) => {
                     let Node::Mul(x, y) = b.node() else { continue };
                     dialect.multiply_add(&format!("(-{})", name(x)), &name(y), &name(a))
@@ -126,6 +126,9 @@ pub fn statements(dialect: Dialect, prefix: &str, outputs: &[Expr]) -> (String, 
             Node::Sqrt(a) => dialect.unary("sqrt", &name(a)),
             Node::Exp(a) => dialect.unary("exp", &name(a)),
             Node::Ln(a) => dialect.unary("ln", &name(a)),
+            Node::Sin(a) => dialect.unary("sin", &name(a)),
+            Node::Cos(a) => dialect.unary("cos", &name(a)),
+            Node::Atan(a) => dialect.unary("atan", &name(a)),
             Node::Min(a, b) => dialect.binary("min", &name(a), &name(b)),
             Node::Max(a, b) => dialect.binary("max", &name(a), &name(b)),
             Node::SelectLess(a, b, t, f) => dialect.select_less(&name(a), &name(b), &name(t), &name(f)),
@@ -152,7 +155,7 @@ fn fuse(dialect: Dialect, names: &HashMap<Expr, String>, product: Expr, addend: 
 fn operands(expr: Expr) -> Vec<Expr> {
     match expr.node() {
         Node::Constant(_) | Node::Input(_) => vec![],
-        Node::Neg(a) | Node::Sqrt(a) | Node::Exp(a) | Node::Ln(a) => vec![a],
+        Node::Neg(a) | Node::Sqrt(a) | Node::Exp(a) | Node::Ln(a) | Node::Sin(a) | Node::Cos(a) | Node::Atan(a) => vec![a],
         Node::Add(a, b) | Node::Sub(a, b) | Node::Mul(a, b) | Node::Div(a, b) | Node::Min(a, b) | Node::Max(a, b) => {
             vec![a, b]
         }

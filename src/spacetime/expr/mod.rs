@@ -27,6 +27,9 @@ pub(crate) enum Node {
     Sqrt(Expr),
     Exp(Expr),
     Ln(Expr),
+    Sin(Expr),
+    Cos(Expr),
+    Atan(Expr),
     Min(Expr, Expr),
     Max(Expr, Expr),
     /// (a, b, then, otherwise): `then` where a < b.
@@ -72,32 +75,6 @@ impl Expr {
         match self.node() {
             Node::Constant(bits) => Some(f64::from_bits(bits)),
             _ => None,
-        }
-    }
-
-    /// Evaluates the formula in f64; `inputs` gives the value of every named input.
-    pub fn evaluate(self, inputs: &HashMap<&str, f64>) -> f64 {
-        let at = |e: Expr| e.evaluate(inputs);
-        match self.node() {
-            Node::Constant(bits) => f64::from_bits(bits),
-            Node::Input(name) => inputs[name],
-            Node::Add(a, b) => at(a) + at(b),
-            Node::Sub(a, b) => at(a) - at(b),
-            Node::Mul(a, b) => at(a) * at(b),
-            Node::Div(a, b) => at(a) / at(b),
-            Node::Neg(a) => -at(a),
-            Node::Sqrt(a) => at(a).sqrt(),
-            Node::Exp(a) => at(a).exp(),
-            Node::Ln(a) => at(a).ln(),
-            Node::Min(a, b) => at(a).min(at(b)),
-            Node::Max(a, b) => at(a).max(at(b)),
-            Node::SelectLess(a, b, t, f) => {
-                if at(a) < at(b) {
-                    at(t)
-                } else {
-                    at(f)
-                }
-            }
         }
     }
 }
@@ -212,6 +189,24 @@ impl Scalar for Expr {
         match self.value() {
             Some(v) => Expr::constant(v.ln()),
             None => Expr::intern(Node::Ln(self)),
+        }
+    }
+    fn sin(self) -> Expr {
+        match self.value() {
+            Some(v) => Expr::constant(v.sin()),
+            None => Expr::intern(Node::Sin(self)),
+        }
+    }
+    fn cos(self) -> Expr {
+        match self.value() {
+            Some(v) => Expr::constant(v.cos()),
+            None => Expr::intern(Node::Cos(self)),
+        }
+    }
+    fn atan(self) -> Expr {
+        match self.value() {
+            Some(v) => Expr::constant(v.atan()),
+            None => Expr::intern(Node::Atan(self)),
         }
     }
     fn min(self, other: Expr) -> Expr {

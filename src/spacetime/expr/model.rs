@@ -1,25 +1,43 @@
-//! The functions a backend needs of a model, generated from its formula.
+//! The functions a backend needs of a model, generated from its formulas.
 //!
-//! For each model both dialects get the same five functions: `medium` (index and its gradient), `launch_energy`, `lapse`,
-//! `capture_distance` and `safe_step`. Models with many sources get a loop over them.
+//! Whatever its class, each model gets the same functions in both dialects: `rate` (velocity and force along a ray), `launch` (momentum and
+//! energy from a direction), `observe` (direction, frequency and constraint error as the local observer sees them), `frame` (his
+//! orthonormal frame), `far_frequency`, `capture_distance` and `safe_step`. Models with many sources get a loop over them.
 
 use super::emit::{Dialect, reads, statements};
 use super::{Expr, gradient};
-use crate::spacetime::{Medium, Parameters, Scalar, Vec3};
+use crate::spacetime::{Flow, Medium, Metric, Parameters, Scalar, Vec3};
 use std::fmt::Write;
 
-/// A function of the generated interface: its outputs, and how the sources enter.
+/// A function of the generated interface. Several results are `out` parameters in GLSL and a tuple in Rust.
 struct Function {
     name: &'static str,
-    argument: Option<&'static str>,
-    outputs: Vec<Expr>,
-    reduction: Reduction,
+    arguments: &'static [Argument],
+    results: Vec<(&'static str, Vec<Expr>)>,
 }
+
+/// A vector with the names of its components in the formulas, or a number.
+enum Argument {
+    Vector(&'static str, [&'static str; 3]),
+    Number(&'static str),
+}
+
+const POSITION: Argument = Argument::Vector("position", ["x", "y", "z"]);
+const MOMENTUM: Argument = Argument::Vector("momentum", ["px", "py", "pz"]);
+const DIRECTION: Argument = Argument::Vector("direction", ["dx", "dy", "dz"]);
+const RATE: &[Argument] = &[POSITION, MOMENTUM, Argument::Number("energy"), Argument::Number("sense"), Argument::Number("parameter")];
+const LAUNCH: &[Argument] = &[POSITION, DIRECTION, Argument::Number("speed"), Argument::Number("sense")];
+const FRAME: &[Argument] = &[POSITION];
+const GRADIENT: &[Argument] = &[POSITION, Argument::Number("energy")];
+const FAR: &[Argument] = &[MOMENTUM, Argument::Number("energy")];
+const MATTER: &[Argument] =
+    &[POSITION, MOMENTUM, Argument::Number("energy"), Argument::Number("sense"), Argument::Vector("velocity", ["wx", "wy", "wz"])];
+const CAPTURE: &[Argument] = &[POSITION, MOMENTUM, Argument::Number("frequency"), Argument::Number("sense")];
 
 /// What a loop over the sources accumulates.
 enum Reduction {
     None,
-    /// Sum of potentials, with their gradient when asked for.
+    /// Sum of potentials, with their gradient when it is read.
     Potential {
         gradient: bool,
     },
@@ -32,7 +50,6 @@ pub struct ModelFormulas {
     global_names: &'static [&'static str],
     source_names: &'static [&'static str],
     source_potential: Expr,
-    source_gradient: [Expr; 3],
     source_safe_step: Expr,
     functions: Vec<Function>,
 }
@@ -41,80 +58,224 @@ fn inputs(prefix: &str, names: &[&str]) -> Vec<Expr> {
     names.iter().map(|n| Expr::input(Box::leak(format!("{prefix}{n}").into_boxed_str()))).collect()
 }
 
+fn vector(names: [&'static str; 3]) -> Vec3<Expr> {
+    let [x, y, z] = names.map(Expr::input);
+    Vec3(x, y, z)
+}
+
+fn components(v: Vec3<Expr>) -> Vec<Expr> {
+    vec![v.0, v.1, v.2]
+}
+
+fn unit(v: Vec3<Expr>) -> Vec3<Expr> {
+    v * (Expr::constant(1.0) / v.length())
+}
+
 impl ModelFormulas {
-    /// Evaluates a model over [`Expr`] and differentiates it.
-    pub fn of<M: Medium>() -> Self {
+    /// The functions of a medium.
+    pub fn of_medium<M: Medium>() -> Self {
         let global_names = <M::Global<Expr> as Parameters<Expr>>::NAMES;
         let source_names = <M::Source<Expr> as Parameters<Expr>>::NAMES;
         let global = M::Global::<Expr>::read(&inputs("g_", global_names));
         let source = M::Source::<Expr>::read(&inputs("s_", source_names));
-        let [x, y, z] = ["x", "y", "z"].map(Expr::input);
-        let at = Vec3(x, y, z);
-        let potential = Expr::input("potential");
-        let energy = Expr::input("energy");
-        let speed = Expr::input("speed");
+        let (x, p, d) = (vector(["x", "y", "z"]), vector(["px", "py", "pz"]), vector(["dx", "dy", "dz"]));
+        let [potential, energy, speed] = ["potential", "energy", "speed"].map(Expr::input);
+        let one = Expr::constant(1.0);
+        let w = vector(["wx", "wy", "wz"]);
+        let lapse = M::lapse(&global, x, potential);
 
-        let index = M::index(&global, at, potential, energy);
-        let [ix, iy, iz, by_potential] = gradient(index, [x, y, z, potential]);
+        let index = M::index(&global, x, potential, energy);
+        let [ix, iy, iz, by_potential] = gradient(index, [x.0, x.1, x.2, potential]);
         let chain = |direct: Expr, name| direct + by_potential * Expr::input(name);
-        let medium = vec![index, chain(ix, "potential_x"), chain(iy, "potential_y"), chain(iz, "potential_z")];
-
-        let source_potential = M::source_potential(&source, at);
-        let has_sources = !source_names.is_empty();
-        let potential_of = |outputs: &[Expr], gradient| {
-            let used = ["potential", "potential_x"].iter().any(|n| reads(outputs, n));
-            if used && has_sources { Reduction::Potential { gradient } } else { Reduction::None }
-        };
-        let energy_out = vec![M::energy(&global, at, potential, speed)];
-        let capture_out = vec![M::capture_distance(&global, at, potential)];
-        let step_out = vec![Scalar::min(M::safe_step(&global, at), Expr::input("source_step"))];
+        let slope = Vec3(chain(ix, "potential_x"), chain(iy, "potential_y"), chain(iz, "potential_z"));
+        let launched = M::energy(&global, x, potential, speed);
+        let step = M::safe_step(&global, x);
         let functions = vec![
-            Function { name: "medium", argument: Some("energy"), reduction: potential_of(&medium, true), outputs: medium },
-            Function { name: "launch_energy", argument: Some("speed"), reduction: potential_of(&energy_out, false), outputs: energy_out },
-            Function { name: "lapse", argument: None, reduction: Reduction::None, outputs: vec![M::lapse(&global, at)] },
-            Function { name: "capture_distance", argument: None, reduction: potential_of(&capture_out, false), outputs: capture_out },
+            Function { name: "rate", arguments: RATE, results: vec![("velocity", components(p)), ("force", components(slope * index))] },
+            Function { name: "index_gradient", arguments: GRADIENT, results: vec![("gradient", components(slope))] },
+            radius_function(x.length_or_zero()),
+            Function {
+                name: "launch",
+                arguments: LAUNCH,
+                results: vec![
+                    ("momentum", components(d * M::index(&global, x, potential, launched))),
+                    ("energy", vec![launched]),
+                    ("frequency", vec![one / lapse]),
+                ],
+            },
+            Function {
+                name: "observe",
+                arguments: RATE,
+                results: vec![
+                    ("direction", components(unit(p))),
+                    ("frequency", vec![one / lapse]),
+                    ("constraint_error", vec![p.length() / index - one]),
+                ],
+            },
+            frame_function(Vec3(one, one, one), Vec3::zero()),
+            matter_function(one / (lapse * (one - index.square() * w.dot(w)).sqrt()), w),
+            Function { name: "far_frequency", arguments: FAR, results: vec![("frequency", vec![one])] },
+            Function {
+                name: "capture_distance",
+                arguments: CAPTURE,
+                results: vec![("distance", vec![M::capture_distance(&global, x, potential)])],
+            },
             Function {
                 name: "safe_step",
-                argument: None,
-                reduction: if has_sources { Reduction::SafeStep } else { Reduction::None },
-                outputs: if has_sources { step_out } else { vec![M::safe_step(&global, at)] },
+                arguments: FRAME,
+                results: vec![("length", vec![if source_names.is_empty() { step } else { Scalar::min(step, Expr::input("source_step")) }])],
             },
         ];
         ModelFormulas {
             global_names,
             source_names,
-            source_gradient: gradient(source_potential, [x, y, z]),
-            source_potential,
-            source_safe_step: M::source_safe_step(&source, at),
+            source_potential: M::source_potential(&source, x),
+            source_safe_step: M::source_safe_step(&source, x),
             functions,
         }
+    }
+
+    /// The functions of a metric.
+    pub fn of_metric<M: Metric>() -> Self {
+        let global_names = <M::Global<Expr> as Parameters<Expr>>::NAMES;
+        let global = M::Global::<Expr>::read(&inputs("g_", global_names));
+        let (x, q, d) = (vector(["x", "y", "z"]), vector(["px", "py", "pz"]), vector(["dx", "dy", "dz"]));
+        let [energy, sense, frequency] = ["energy", "sense", "frequency"].map(Expr::input);
+        let (lapse, shift, inverse) = (M::lapse(&global, x), M::shift(&global, x), M::inverse_metric(&global, x));
+
+        let measured = inverse.times(q).dot(q).sqrt();
+        let hamiltonian = lapse * measured - sense * shift.dot(q);
+        let [hx, hy, hz, vx, vy, vz] = gradient(hamiltonian, [x.0, x.1, x.2, q.0, q.1, q.2]);
+        let (diagonal, lower) = inverse.cholesky();
+        // L^T q in the local frame; its inverse turns a unit direction into a momentum of frequency 1.
+        let local = Vec3(diagonal.0 * q.0 + lower.0 * q.1 + lower.1 * q.2, diagonal.1 * q.1 + lower.2 * q.2, diagonal.2 * q.2);
+        let m2 = d.2 / diagonal.2;
+        let m1 = (d.1 - lower.2 * m2) / diagonal.1;
+        let launched = Vec3((d.0 - lower.0 * m1 - lower.1 * m2) / diagonal.0, m1, m2);
+        // Velocity of matter against the Eulerian observer, L^-1 (w + shift), in units of the lapse.
+        let w = vector(["wx", "wy", "wz"]);
+        let moved = w + shift;
+        let a0 = moved.0 / diagonal.0;
+        let a1 = (moved.1 - lower.0 * a0) / diagonal.1;
+        let against = Vec3(a0, a1, (moved.2 - lower.1 * a0 - lower.2 * a1) / diagonal.2);
+        let functions = vec![
+            no_index_gradient(),
+            radius_function(M::coordinate_radius(&global, x)),
+            Function { name: "rate", arguments: RATE, results: vec![("velocity", vec![vx, vy, vz]), ("force", vec![-hx, -hy, -hz])] },
+            Function {
+                name: "launch",
+                arguments: LAUNCH,
+                results: vec![
+                    ("momentum", components(launched)),
+                    ("energy", vec![lapse - sense * shift.dot(launched)]),
+                    ("frequency", vec![Expr::constant(1.0)]),
+                ],
+            },
+            Function {
+                name: "observe",
+                arguments: RATE,
+                results: vec![
+                    ("direction", components(local * (Expr::constant(1.0) / measured))),
+                    ("frequency", vec![measured]),
+                    ("constraint_error", vec![(hamiltonian - energy) / measured]),
+                ],
+            },
+            frame_function(diagonal, lower),
+            matter_function(Expr::constant(1.0) / (lapse.square() - against.dot(against)).sqrt(), w),
+            Function { name: "far_frequency", arguments: FAR, results: vec![("frequency", vec![M::far_frequency(q, energy)])] },
+            Function {
+                name: "capture_distance",
+                arguments: CAPTURE,
+                results: vec![("distance", vec![M::capture_distance(&global, x, measured / frequency, sense)])],
+            },
+            Function { name: "safe_step", arguments: FRAME, results: vec![("length", vec![M::safe_step(&global, x)])] },
+        ];
+        Self::without_sources(global_names, functions)
+    }
+
+    /// The functions of a flow.
+    pub fn of_flow<M: Flow>() -> Self {
+        let global_names = <M::Global<Expr> as Parameters<Expr>>::NAMES;
+        let global = M::Global::<Expr>::read(&inputs("g_", global_names));
+        let (x, p, d) = (vector(["x", "y", "z"]), vector(["px", "py", "pz"]), vector(["dx", "dy", "dz"]));
+        let (zero, one) = (Expr::constant(0.0), Expr::constant(1.0));
+        let velocity = M::velocity(&global, x, p, Expr::input("parameter"));
+        let functions = vec![
+            no_index_gradient(),
+            radius_function(x.length_or_zero()),
+            Function { name: "rate", arguments: RATE, results: vec![("velocity", components(velocity)), ("force", vec![zero; 3])] },
+            Function {
+                name: "launch",
+                arguments: LAUNCH,
+                results: vec![("momentum", components(d)), ("energy", vec![one]), ("frequency", vec![one])],
+            },
+            Function {
+                name: "observe",
+                arguments: RATE,
+                results: vec![("direction", components(unit(velocity))), ("frequency", vec![one]), ("constraint_error", vec![zero])],
+            },
+            frame_function(Vec3(one, one, one), Vec3::zero()),
+            Function { name: "matter_frequency", arguments: MATTER, results: vec![("frequency", vec![one])] },
+            Function { name: "far_frequency", arguments: FAR, results: vec![("frequency", vec![one])] },
+            Function { name: "capture_distance", arguments: CAPTURE, results: vec![("distance", vec![one])] },
+            Function { name: "safe_step", arguments: FRAME, results: vec![("length", vec![M::safe_step(&global, x)])] },
+        ];
+        Self::without_sources(global_names, functions)
+    }
+
+    fn without_sources(global_names: &'static [&'static str], functions: Vec<Function>) -> Self {
+        let zero = Expr::constant(0.0);
+        ModelFormulas { global_names, source_names: &[], source_potential: zero, source_safe_step: zero, functions }
     }
 
     /// GLSL functions of the model; `real` and the accessors `model_*` must be in scope.
     pub fn glsl(&self, dialect: Dialect) -> String {
         let mut out = String::new();
         for f in &self.functions {
-            let mut parameters = String::from("real3 position");
-            if let Some(argument) = f.argument {
-                let _ = write!(parameters, ", real {argument}");
+            let outputs = f.outputs();
+            let mut parameters: Vec<String> = f.arguments.iter().map(|a| format!("{} {}", a.glsl_type(), a.name())).collect();
+            let result_type = |r: &[Expr]| if r.len() == 3 { "real3" } else { "real" };
+            let returned = match f.results.as_slice() {
+                [(_, only)] => result_type(only),
+                several => {
+                    parameters.extend(several.iter().map(|(name, r)| format!("out {} out_{name}", result_type(r))));
+                    "void"
+                }
+            };
+            let _ = writeln!(out, "{returned} {}({}) {{", f.name, parameters.join(", "));
+            for argument in f.arguments {
+                if let Argument::Vector(name, parts) = argument {
+                    for (part, component) in parts.iter().zip(["x", "y", "z"]) {
+                        let origin = if *name == "position" { format!(" - model_origin().{component}") } else { String::new() };
+                        if *name == "position" || reads(&outputs, part) {
+                            let _ = writeln!(out, "    real {part} = {name}.{component}{origin};");
+                        }
+                    }
+                }
             }
-            if f.outputs.len() == 4 {
-                parameters.push_str(", out real3 gradient");
-            }
-            let (body, results) = statements(dialect, "t", &f.outputs);
-            let _ = writeln!(out, "real {}({parameters}) {{", f.name);
-            out.push_str(
-                "    real x = position.x - model_origin().x, y = position.y - model_origin().y, z = position.z - model_origin().z;\n",
-            );
-            self.load(&mut out, dialect, "g_", self.global_names, &f.outputs, |i| format!("model_global({i})"));
-            self.reduce(&mut out, dialect, &f.reduction, "for (int source = 0; source < model_source_count(); ++source)", |i| {
+            self.load(&mut out, dialect, "g_", self.global_names, &outputs, |i| format!("model_global({i})"));
+            self.reduce(&mut out, dialect, &outputs, "for (int source = 0; source < model_source_count(); ++source)", |i| {
                 format!("model_source(source, {i})")
             });
+            let (body, names) = statements(dialect, "t", &outputs);
             out.push_str(&body);
-            if f.outputs.len() == 4 {
-                let _ = writeln!(out, "    gradient = real3({}, {}, {});", results[1], results[2], results[3]);
+            let mut names = names.into_iter();
+            let values: Vec<String> = f
+                .results
+                .iter()
+                .map(|(_, r)| {
+                    let parts: Vec<String> = names.by_ref().take(r.len()).collect();
+                    if r.len() == 3 { format!("real3({})", parts.join(", ")) } else { parts.join("") }
+                })
+                .collect();
+            if returned == "void" {
+                for ((name, _), value) in f.results.iter().zip(&values) {
+                    let _ = writeln!(out, "    out_{name} = {value};");
+                }
+                out.push_str("}\n\n");
+            } else {
+                let _ = writeln!(out, "    return {};\n}}\n", values[0]);
             }
-            let _ = writeln!(out, "    return {};\n}}\n", results[0]);
         }
         out
     }
@@ -125,26 +286,44 @@ impl ModelFormulas {
             "impl Model for crate::spacetime::{name} {{\n    const KIND: crate::spacetime::ModelKind = crate::spacetime::ModelKind::{name};\n"
         );
         for f in &self.functions {
-            let argument = f.argument.map(|a| format!(", {a}: L")).unwrap_or_default();
-            let result = if f.outputs.len() == 4 { "(L, [L; 3])" } else { "L" };
-            let (body, results) = statements(Dialect::Rust, "t", &f.outputs);
+            let outputs = f.outputs();
+            let arguments: String = f.arguments.iter().map(|a| format!(", {}: {}", a.name(), a.rust_type())).collect();
+            let result_type = |r: &[Expr]| if r.len() == 3 { "[L; 3]" } else { "L" };
+            let types: Vec<&str> = f.results.iter().map(|(_, r)| result_type(r)).collect();
+            let returned = if let [only] = types.as_slice() { (*only).to_owned() } else { format!("({})", types.join(", ")) };
             let _ = writeln!(
                 out,
-                "    #[inline(always)]\n    #[allow(unused_variables, reason = \"a model need not read everything\")]\n    fn {}<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3]{argument}) -> {result} {{",
+                "    #[inline(always)]\n    #[allow(unused_variables, reason = \"a model need not read everything\")]\n    fn {}<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>{arguments}) -> {returned} {{",
                 f.name
             );
-            for (i, name) in ["x", "y", "z"].into_iter().enumerate() {
-                let _ = writeln!(out, "    let {name} = position[{i}] - L::splat(token, model.origin[{i}]);");
+            for argument in f.arguments {
+                if let Argument::Vector(name, parts) = argument {
+                    for (i, part) in parts.iter().enumerate() {
+                        let origin = if *name == "position" { format!(" - L::splat(token, model.origin[{i}])") } else { String::new() };
+                        let _ = writeln!(out, "    let {part} = {name}[{i}]{origin};");
+                    }
+                }
             }
-            self.load(&mut out, Dialect::Rust, "g_", self.global_names, &f.outputs, |i| format!("L::splat(token, model.global[{i}])"));
+            self.load(&mut out, Dialect::Rust, "g_", self.global_names, &outputs, |i| format!("L::splat(token, model.global[{i}])"));
             let stride = self.source_names.len();
-            self.reduce(&mut out, Dialect::Rust, &f.reduction, &format!("for source in model.sources.chunks_exact({stride})"), |i| {
+            self.reduce(&mut out, Dialect::Rust, &outputs, &format!("for source in model.sources.chunks_exact({stride})"), |i| {
                 format!("L::splat(token, source[{i}])")
             });
+            let (body, names) = statements(Dialect::Rust, "t", &outputs);
             out.push_str(&body);
-            let _ = match results.as_slice() {
-                [index, gx, gy, gz] => writeln!(out, "    ({index}, [{gx}, {gy}, {gz}])\n    }}"),
-                results => writeln!(out, "    {}\n    }}", results[0]),
+            let mut names = names.into_iter();
+            let values: Vec<String> = f
+                .results
+                .iter()
+                .map(|(_, r)| {
+                    let parts: Vec<String> = names.by_ref().take(r.len()).collect();
+                    if r.len() == 3 { format!("[{}]", parts.join(", ")) } else { parts.join("") }
+                })
+                .collect();
+            let _ = if let [only] = values.as_slice() {
+                writeln!(out, "    {only}\n    }}")
+            } else {
+                writeln!(out, "    ({})\n    }}", values.join(", "))
             };
         }
         out.push_str("}\n");
@@ -162,16 +341,28 @@ impl ModelFormulas {
         }
     }
 
+    /// Which loop over the sources `outputs` need.
+    fn reduction(&self, outputs: &[Expr]) -> Reduction {
+        if self.source_names.is_empty() {
+            return Reduction::None;
+        }
+        if reads(outputs, "source_step") {
+            return Reduction::SafeStep;
+        }
+        let gradient = reads(outputs, "potential_x");
+        if gradient || reads(outputs, "potential") { Reduction::Potential { gradient } } else { Reduction::None }
+    }
+
     /// Writes the loop over the sources.
-    fn reduce(&self, out: &mut String, dialect: Dialect, reduction: &Reduction, header: &str, value: impl Fn(usize) -> String) {
+    fn reduce(&self, out: &mut String, dialect: Dialect, outputs: &[Expr], header: &str, value: impl Fn(usize) -> String) {
         let variable = if dialect == Dialect::Rust { "let mut" } else { "real" };
-        let (terms, targets, combine): (Vec<Expr>, Vec<&str>, &str) = match reduction {
+        let (terms, targets, combine): (Vec<Expr>, Vec<&str>, &str) = match self.reduction(outputs) {
             Reduction::None => {
                 return;
             }
             Reduction::Potential { gradient: false } => (vec![self.source_potential], vec!["potential"], "+"),
             Reduction::Potential { gradient: true } => {
-                let [gx, gy, gz] = self.source_gradient;
+                let [gx, gy, gz] = gradient(self.source_potential, ["x", "y", "z"].map(Expr::input));
                 (vec![self.source_potential, gx, gy, gz], vec!["potential", "potential_x", "potential_y", "potential_z"], "+")
             }
             Reduction::SafeStep => (vec![self.source_safe_step], vec!["source_step"], "min"),
@@ -193,5 +384,53 @@ impl ModelFormulas {
             let _ = writeln!(out, "    {target} = {sum};");
         }
         out.push_str("    }\n");
+    }
+}
+
+/// The model's own radial coordinate.
+fn radius_function(radius: Expr) -> Function {
+    Function { name: "coordinate_radius", arguments: FRAME, results: vec![("radius", vec![radius])] }
+}
+
+/// u^t (E - p . w) of matter with time component `u_t` of its four-velocity and coordinate velocity `w`.
+fn matter_function(u_t: Expr, w: Vec3<Expr>) -> Function {
+    let q = vector(["px", "py", "pz"]);
+    let seen = u_t * (Expr::input("energy") - Expr::input("sense") * q.dot(w));
+    Function { name: "matter_frequency", arguments: MATTER, results: vec![("frequency", vec![seen])] }
+}
+
+/// Models without an index have no gradient of it.
+fn no_index_gradient() -> Function {
+    Function { name: "index_gradient", arguments: GRADIENT, results: vec![("gradient", vec![Expr::constant(0.0); 3])] }
+}
+
+/// The Cholesky factor of gamma^ij: its diagonal, and (L10, L20, L21).
+fn frame_function(diagonal: Vec3<Expr>, lower: Vec3<Expr>) -> Function {
+    Function { name: "frame", arguments: FRAME, results: vec![("diagonal", components(diagonal)), ("lower", components(lower))] }
+}
+
+impl Function {
+    fn outputs(&self) -> Vec<Expr> {
+        self.results.iter().flat_map(|(_, r)| r.iter().copied()).collect()
+    }
+}
+
+impl Argument {
+    fn name(&self) -> &'static str {
+        match self {
+            Argument::Vector(name, _) | Argument::Number(name) => name,
+        }
+    }
+    fn glsl_type(&self) -> &'static str {
+        match self {
+            Argument::Vector(..) => "real3",
+            Argument::Number(_) => "real",
+        }
+    }
+    fn rust_type(&self) -> &'static str {
+        match self {
+            Argument::Vector(..) => "[L; 3]",
+            Argument::Number(_) => "L",
+        }
     }
 }

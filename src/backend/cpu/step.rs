@@ -1,0 +1,321 @@
+//! One step of all rays in flight, as lanes of registers: the integration, compiled for each model, and what is the same for all.
+
+use crate::backend::Stop;
+use crate::kernels::clearance::{grid_curve, occupied_span};
+use crate::kernels::constants::*;
+use crate::kernels::integrator::*;
+use crate::kernels::layout::SceneParameters;
+use crate::kernels::triangle::dot;
+use crate::kernels::view::SceneView;
+use crate::simd::{Lane, Real, load3, splat3};
+use crate::spacetime::{Class, ModelKind};
+use fearless_simd::{Simd, f32x16, f64x8};
+
+/// Most lanes of any register.
+pub const MAX_LANES: usize = 16;
+
+/// A real number that is also a lane of its own, for the parts of a ray that are handled alone.
+pub trait Scalar: Real + Lane<Real = Self, Mask = bool, Token = ()> {
+    /// Smallest tolerance as a share of the coordinates.
+    const TOLERANCE_FLOOR: f64;
+    /// How far inside the bending region a ray that enters it is put, as a share of the way to it.
+    const REGION_MARGIN: f64;
+    /// Rays that are stepped at once.
+    const WIDTH: usize;
+    /// The register that holds them.
+    type Register<S: Simd>: Lane<Real = Self, Token = S>;
+}
+
+impl Scalar for f32 {
+    const TOLERANCE_FLOOR: f64 = TOLERANCE_FLOOR_F32;
+    const REGION_MARGIN: f64 = REGION_MARGIN_F32;
+    const WIDTH: usize = 16;
+    type Register<S: Simd> = f32x16<S>;
+}
+
+impl Scalar for f64 {
+    const TOLERANCE_FLOOR: f64 = TOLERANCE_FLOOR_F64;
+    const REGION_MARGIN: f64 = REGION_MARGIN_F64;
+    const WIDTH: usize = 8;
+    type Register<S: Simd> = f64x8<S>;
+}
+
+/// Takes the lanes one step along: `next.x`, `next.p`, `next.v`, `next.a`, the errors and the safe steps there; returns the lanes that
+/// are captured there, as bits. Compiled for each model.
+pub type Integrate<S, T> = fn(S, &Course<T>, &mut Lanes<T>) -> u32;
+
+/// The integration through a model, on registers of instruction set `S`.
+pub fn integrate_kernel<S: Simd, T: Scalar>(kind: ModelKind) -> Integrate<S, T> {
+    fn kernel<M: Model, S: Simd, T: Scalar>(simd: S, course: &Course<T>, lanes: &mut Lanes<T>) -> u32 {
+        simd.vectorize(
+            #[inline(always)]
+            || integrate_lanes::<M, T::Register<S>, T>(simd, course, lanes),
+        )
+    }
+    macro_rules! choose {
+        ($(($name:ident, $stem:ident, $class:ident)),+ $(,)?) => {
+            match kind { $(ModelKind::$name => kernel::<crate::spacetime::$name, S, T>),+ }
+        };
+    }
+    crate::for_each_model!(choose)
+}
+
+/// What all rays of a batch share.
+pub struct Course<'a, T> {
+    /// The world.
+    pub view: SceneView<'a>,
+    /// Parameters, which may differ from the view's for traced rays.
+    pub scene: &'a SceneParameters,
+    /// The model.
+    pub model: &'a ModelBlock<T>,
+    /// Which model.
+    pub kind: ModelKind,
+    /// Where traced rays end.
+    pub stop: Stop,
+}
+
+/// A number per lane.
+pub type Row<T> = [T; MAX_LANES];
+
+/// State of the rays in flight, and where the step in hand leads.
+pub struct Lanes<T> {
+    /// Positions.
+    pub x: [Row<T>; 3],
+    /// Momenta.
+    pub p: [Row<T>; 3],
+    /// Velocities.
+    pub v: [Row<T>; 3],
+    /// Forces.
+    pub a: [Row<T>; 3],
+    /// Step lengths, in the model's parameter.
+    pub h: Row<T>,
+    /// Parameters so far.
+    pub parameter: Row<T>,
+    /// Conserved energies.
+    pub energy: Row<T>,
+    /// Senses.
+    pub sense: Row<T>,
+    /// Frequencies at the start.
+    pub frequency: Row<T>,
+    /// Widths of the cones at the start.
+    pub width: Row<T>,
+    /// Growth of the cones.
+    pub spread: Row<T>,
+    /// Coordinate lengths so far.
+    pub length: Row<T>,
+    /// Signed distances from where the rays are to stop: negative before it.
+    pub until: Row<T>,
+    /// State at the end of the step.
+    pub next: Next<T>,
+    /// Which ray is in each lane.
+    pub index: [usize; MAX_LANES],
+    /// Steps of each ray.
+    pub steps: [u32; MAX_LANES],
+    /// Chords of each ray.
+    pub chords: [u32; MAX_LANES],
+    /// Side of the wormhole each ray is on: 0 or 1.
+    pub side: [u32; MAX_LANES],
+}
+
+/// State at the end of a step.
+pub struct Next<T> {
+    /// Positions.
+    pub x: [Row<T>; 3],
+    /// Momenta.
+    pub p: [Row<T>; 3],
+    /// Velocities.
+    pub v: [Row<T>; 3],
+    /// Forces.
+    pub a: [Row<T>; 3],
+    /// Local errors of the steps.
+    pub error: Row<T>,
+    /// Coordinate lengths that the model allows the next steps.
+    pub safe: Row<T>,
+    /// Lengths of the next steps.
+    pub h: Row<T>,
+    /// Coordinate lengths of the steps.
+    pub travelled: Row<T>,
+    /// Widths of the cones.
+    pub cone: Row<T>,
+    /// Where geometry may be met first along each step.
+    pub from: Row<T>,
+    /// Where it may be met last.
+    pub to: Row<T>,
+}
+
+/// Lanes by what became of their step, as bits.
+#[derive(Clone, Copy, Debug)]
+pub struct Masks {
+    /// The step's error was small enough.
+    pub accepted: u32,
+    /// Geometry may be met along the step.
+    pub occupied: u32,
+    /// The step ends outside the bending region, on the way out.
+    pub outside: u32,
+    /// The step ends beyond the throat of a wormhole.
+    pub crossed: u32,
+}
+
+impl<T: Scalar> Lanes<T> {
+    /// Lanes without rays, far from everything.
+    pub fn new() -> Self {
+        let row = |value: f64| [T::from_f64(value); MAX_LANES];
+        let (zero, one) = (row(0.0), row(1.0));
+        Lanes {
+            x: [row(1e6); 3],
+            p: [one; 3],
+            v: [one; 3],
+            a: [zero; 3],
+            h: zero,
+            parameter: zero,
+            energy: one,
+            sense: one,
+            frequency: one,
+            width: one,
+            spread: zero,
+            length: zero,
+            until: zero,
+            next: Next {
+                x: [zero; 3],
+                p: [zero; 3],
+                v: [zero; 3],
+                a: [zero; 3],
+                error: zero,
+                safe: zero,
+                h: zero,
+                travelled: zero,
+                cone: zero,
+                from: zero,
+                to: zero,
+            },
+            index: [0; MAX_LANES],
+            steps: [0; MAX_LANES],
+            chords: [0; MAX_LANES],
+            side: [0; MAX_LANES],
+        }
+    }
+
+    /// State and derivatives at the start of the step.
+    #[inline(always)]
+    fn flight<L: Lane<Real = T>>(&self, token: L::Token) -> Flight<L> {
+        Flight { x: load3(token, &self.x), p: load3(token, &self.p), v: load3(token, &self.v), a: load3(token, &self.a) }
+    }
+
+    /// Moves the lanes of `accepted` to the end of their step.
+    #[inline(always)]
+    pub fn commit(&mut self, accepted: u32) {
+        for i in 0..MAX_LANES {
+            let moves = accepted >> i & 1 == 1;
+            for axis in 0..3 {
+                self.x[axis][i] = if moves { self.next.x[axis][i] } else { self.x[axis][i] };
+                self.p[axis][i] = if moves { self.next.p[axis][i] } else { self.p[axis][i] };
+                self.v[axis][i] = if moves { self.next.v[axis][i] } else { self.v[axis][i] };
+                self.a[axis][i] = if moves { self.next.a[axis][i] } else { self.a[axis][i] };
+            }
+            self.parameter[i] = if moves { self.parameter[i] + self.h[i] } else { self.parameter[i] };
+            self.length[i] = if moves { self.length[i] + self.next.travelled[i] } else { self.length[i] };
+            self.h[i] = self.next.h[i];
+        }
+    }
+}
+
+/// Whether the method's steps are of fixed length.
+pub fn fixed_step<T: Real>(scene: &SceneParameters, model: &ModelBlock<T>) -> bool {
+    matches!(scene.method, METHOD_EULER | METHOD_SYMPLECTIC | METHOD_LEAPFROG)
+        || (scene.method == METHOD_RUNGE_KUTTA && model.tableau[1].to_f64() == 0.0)
+}
+
+/// Steps every lane once through the model `M`.
+#[inline(always)]
+fn integrate_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Course<T>, lanes: &mut Lanes<T>) -> u32 {
+    let (scene, model) = (course.scene, course.model);
+    let flight = lanes.flight::<L>(token);
+    let charge = Charge { energy: L::load(token, &lanes.energy), sense: L::load(token, &lanes.sense) };
+    let h = L::load(token, &lanes.h);
+    let parameter = L::load(token, &lanes.parameter);
+    let zero = L::constant(token, 0.0);
+    let medium = matches!(M::KIND.class(), Class::Medium);
+    let (moved, error) = match scene.method {
+        METHOD_NYSTROM if medium => nystrom_step::<M, L>(token, model, &charge, &flight, h),
+        METHOD_EULER if medium => {
+            let kick = if scene.literal_kick == 1 { L::constant(token, 1.0) } else { h };
+            (euler_step::<M, L>(token, model, &charge, &flight, h, kick), zero)
+        }
+        METHOD_LEAPFROG if medium => (leapfrog_step::<M, L>(token, model, &charge, &flight, parameter, h), zero),
+        METHOD_SYMPLECTIC => (symplectic_step::<M, L>(token, model, &charge, &flight, parameter, h), zero),
+        _ => runge_kutta_step::<M, L>(token, model, &charge, &flight, parameter, h),
+    };
+    let frequency = L::load(token, &lanes.frequency);
+    let captured = M::capture_distance::<L>(token, model, moved.x, moved.p, frequency, charge.sense).lt(zero);
+    let next = &mut lanes.next;
+    M::safe_step::<L>(token, model, moved.x).store(&mut next.safe);
+    error.store(&mut next.error);
+    for axis in 0..3 {
+        moved.x[axis].store(&mut next.x[axis]);
+        moved.p[axis].store(&mut next.p[axis]);
+        moved.v[axis].store(&mut next.v[axis]);
+        moved.a[axis].store(&mut next.a[axis]);
+    }
+    L::bits(captured)
+}
+
+/// Judges the step that was taken: whether its error will do, how long the next one may be, where it ends, and how much of it may meet
+/// geometry.
+#[inline(always)]
+pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Course<T>, lanes: &mut Lanes<T>, live: u32) -> Masks {
+    let (scene, model) = (course.scene, course.model);
+    let zero = L::constant(token, 0.0);
+    let fixed = fixed_step(scene, model);
+    let flight = lanes.flight::<L>(token);
+    let h = L::load(token, &lanes.h);
+    let length = L::load(token, &lanes.length);
+    let next = &mut lanes.next;
+    let moved: Flight<L> =
+        Flight { x: load3(token, &next.x), p: load3(token, &next.p), v: load3(token, &next.v), a: load3(token, &next.a) };
+    let error = L::load(token, &next.error);
+    let cone = L::load(token, &lanes.spread).mul_add(length, L::load(token, &lanes.width));
+    let size = flight.x[0].max(-flight.x[0]).max(flight.x[1].max(-flight.x[1])).max(flight.x[2].max(-flight.x[2]));
+    let floor = size * L::constant(token, T::TOLERANCE_FLOOR);
+    let tolerance = (cone * L::constant(token, f64::from(scene.tolerance))).max(floor);
+    let good = error.lt(tolerance);
+    let accepted = if fixed { u32::MAX } else { L::bits(good) };
+
+    // Choose the next step length, inside what the model allows at the place it starts from.
+    let straight = scene.method == METHOD_EULER && course.kind.class() == Class::Medium;
+    let speed = dot(moved.v, moved.v).sqrt();
+    let next_h = if fixed {
+        if scene.method == METHOD_RUNGE_KUTTA { L::splat(token, model.step) / speed } else { h }
+    } else {
+        let proposed = h * step_factor(token, error, tolerance);
+        L::select(good, proposed.min(L::load(token, &next.safe) / speed), proposed)
+    };
+
+    // See where the step ends.
+    let from_center = along(moved.x, splat3(token, scene.region_center.map(|c| T::from_f64(f64::from(c)))), L::constant(token, -1.0));
+    let radius = L::constant(token, f64::from(scene.region_radius));
+    let outside = L::both((radius * radius).lt(dot(from_center, from_center)), zero.lt(dot(from_center, moved.v)));
+    let mut crossed = 0;
+    if model.throat.to_f64() > 0.0 {
+        let from_origin = along(moved.x, splat3(token, model.origin), L::constant(token, -1.0));
+        crossed = L::bits(dot(from_origin, from_origin).lt(L::splat(token, model.throat * model.throat)));
+    }
+    // The thesis' steps have the length they are given, and are straight.
+    let travelled = if straight { h } else { arc_length(token, &flight, &moved, h) };
+
+    // Look for geometry along the way.
+    let (tangent0, tangent1) = if straight {
+        let chord = along(moved.x, flight.x, L::constant(token, -1.0));
+        (chord, chord)
+    } else {
+        let none = [zero; 3];
+        (along(none, flight.v, h), along(none, moved.v, h))
+    };
+    let curve = grid_curve(token, &course.view, flight.x, moved.x, tangent0, tangent1);
+    let (from, to) = occupied_span(token, &course.view, &curve, live & accepted);
+    next_h.store(&mut next.h);
+    travelled.store(&mut next.travelled);
+    cone.store(&mut next.cone);
+    from.store(&mut next.from);
+    to.store(&mut next.to);
+    Masks { accepted, occupied: L::bits(from.lt(to)), outside: L::bits(outside), crossed }
+}
