@@ -37,6 +37,10 @@ layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Mo
     uint source_stride;
     uint source_start;
     uint global_start;
+    uint table_start;
+    uint table_rows;
+    uint table_columns;
+    uint value_count;
     real values[];
 };
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Scene {
@@ -251,6 +255,11 @@ real model_tableau(uint i) {
 
 real model_global(int i) {
     return push.scene.model.values[int(push.scene.model.global_start) + i];
+}
+
+real3 model_table(uint i) {
+    uint at = push.scene.model.table_start + 3 * i;
+    return real3(push.scene.model.values[at], push.scene.model.values[at + 1], push.scene.model.values[at + 2]);
 }
 
 int model_source_count() {

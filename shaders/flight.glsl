@@ -87,10 +87,11 @@ void end_flight(uint slot, Ray ray, real3 d, Hit hit, Curve curve, uint status, 
         observe(found ? end : ray.x, p, charge.energy, charge.sense, ray.parameter, seen, frequency, ignored);
         bool escaped = status == STATUS_ESCAPED;
 #ifdef MEDIUM
-        direction = escaped ? d : seen;
+        bool asymptotic = true;
 #else
-        direction = seen;
+        bool asymptotic = SCENE.region_strength != 0.0;
 #endif
+        direction = escaped && asymptotic ? d : seen;
         redshift = abs(ray.clock) / float(escaped ? far_frequency(p, ray.energy) : frequency);
         vec3 velocity;
         if (found && matter_velocity(hit, position, velocity)) {
@@ -322,6 +323,7 @@ void advance(uint slot) {
             ray.h *= size / stretched;
             size = stretched;
             ray.side ^= 1u;
+            before = push.stop == STOP_NONE ? real(0.0) : stop_distance(ray.x, ray.len, ray.parameter);
         }
 #endif
         d = flight.v / size;

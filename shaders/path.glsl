@@ -226,7 +226,7 @@ bool shade(uint seed, uint sample_index, Surface surface, inout PathState path, 
     vec3 extent = abs(surface.position);
     float offset = ORIGIN_OFFSET * max(extent.x, max(extent.y, extent.z)) + SCENE.origin_offset;
     if (material.kind == MATERIAL_ACCRETION) {
-        float hottest = material.temperature * disc_profile(material, surface.uv.x).x;
+        float hottest = material.temperature * disc_profile(material, arrival.u).x;
         vec3 thermal = black_body(hottest * path.frequency_ratio * arrival.doppler);
         path.radiance += path.throughput * material.emission * thermal;
         if ((material.flags & MATERIAL_OPAQUE) != 0) {

@@ -114,8 +114,13 @@ vec2 primitive_uv(Primitive primitive, vec3 position, vec2 uv) {
         vec3 n = primitive_normal(primitive, position);
         return vec2(0.5 + atan(n.x, n.z) / TAU, 1.0 - acos(clamp(n.y, -1.0, 1.0)) * INV_PI);
     }
-    if (primitive.kind == PRIMITIVE_QUAD || primitive.kind == PRIMITIVE_DISC) {
+    if (primitive.kind == PRIMITIVE_QUAD) {
         return uv;
+    }
+    if (primitive.kind == PRIMITIVE_DISC) {
+        vec3 center = vec3(primitive.data[0], primitive.data[1], primitive.data[2]);
+        vec3 local = frame_from_world(vec3(primitive.data[4], primitive.data[5], primitive.data[6]), position - center);
+        return vec2(0.5 + atan(local.y, local.x) / TAU, (uv.x - primitive.data[3]) / (primitive.data[7] - primitive.data[3]));
     }
     vec3 local = box_local(primitive, position);
     uint axis = box_face(local) / 2;

@@ -6,7 +6,7 @@ pub mod vulkan;
 use crate::error::Result;
 use crate::film::Film;
 use crate::kernels::constants::STATUS_ESCAPED;
-use crate::kernels::integrator::PointFunctions;
+use crate::kernels::integrator::{ModelBlock, PointFunctions};
 use crate::simd::Real;
 use crate::spacetime::{Class, ModelKind};
 use crate::world::World;
@@ -106,6 +106,13 @@ struct Prepared {
     scale: f64,
 }
 
+/// What turns rays into launches and landings into results: the model in double precision.
+struct Tracer<'a> {
+    world: &'a World,
+    functions: PointFunctions<f64>,
+    block: ModelBlock<f64>,
+}
+
 /// The end of a ray as a backend reports it.
 #[derive(Clone, Copy, Debug)]
 struct RawLanding {
@@ -121,21 +128,24 @@ struct RawLanding {
     chords: u32,
 }
 
-impl Prepared {
-    fn new(world: &World, ray: &TraceRay) -> Prepared {
-        let functions = PointFunctions::<f64>::of(world.model);
-        let block = world.model_block::<f64>();
+impl<'a> Tracer<'a> {
+    fn new(world: &'a World) -> Self {
+        Tracer { world, functions: PointFunctions::of(world.model), block: world.model_block() }
+    }
+
+    fn prepare(&self, ray: &TraceRay) -> Prepared {
+        let model = self.world.model;
         let sense = if ray.past { -1.0 } else { 1.0 };
         let (vector, is_momentum) = match ray.launch {
             Launch::Direction(d) => (d, false),
             Launch::Momentum(p) => (p.map(|c| c * sense), true),
         };
         let size = vector.iter().map(|c| c * c).sum::<f64>().sqrt();
-        let gravity = matches!(world.model, ModelKind::ThesisGravity | ModelKind::PowerGravity);
+        let gravity = matches!(model, ModelKind::ThesisGravity | ModelKind::PowerGravity);
         let (mut direction, speed) = (vector.map(|c| c / size), if gravity { size } else { 1.0 });
-        let mut scale = 1.0;
-        if is_momentum && world.model.class() == Class::Metric {
-            let (local, frequency, _) = (functions.observe)((), &block, ray.origin, vector, 1.0, sense, 0.0);
+        let mut scale = if is_momentum { sense } else { 1.0 };
+        if is_momentum && model.class() == Class::Metric {
+            let (local, frequency, _) = (self.functions.observe)((), &self.block, ray.origin, vector, 1.0, sense, 0.0);
             direction = local;
             scale = sense * frequency;
         }
@@ -143,18 +153,17 @@ impl Prepared {
     }
 
     /// The result of a ray; frequencies and drift are taken in double precision whatever the backend's.
-    fn result(&self, world: &World, raw: &RawLanding) -> TraceResult {
-        let functions = PointFunctions::<f64>::of(world.model);
-        let block = world.model_block::<f64>();
-        let (_, energy, frequency) = (functions.launch)((), &block, self.origin, self.direction, self.speed, self.sense);
-        let (_, seen, drift) = (functions.observe)((), &block, raw.position, raw.momentum, energy, self.sense, raw.parameter);
+    fn result(&self, ray: &Prepared, raw: &RawLanding) -> TraceResult {
+        let (functions, block) = (&self.functions, &self.block);
+        let (_, energy, frequency) = (functions.launch)((), block, ray.origin, ray.direction, ray.speed, ray.sense);
+        let (_, seen, drift) = (functions.observe)((), block, raw.position, raw.momentum, energy, ray.sense, raw.parameter);
         let escaped = raw.status == STATUS_ESCAPED;
-        let end = if escaped { (functions.far_frequency)((), &block, raw.momentum, energy) } else { seen };
+        let end = if escaped { (functions.far_frequency)((), block, raw.momentum, energy) } else { seen };
         TraceResult {
             status: raw.status,
             position: raw.position,
             direction: raw.direction,
-            momentum: raw.momentum.map(|c| c * self.scale),
+            momentum: raw.momentum.map(|c| c * ray.scale),
             length: raw.length,
             parameter: raw.parameter,
             side: if raw.side == 0 { 1 } else { -1 },
@@ -162,7 +171,7 @@ impl Prepared {
             chords: raw.chords,
             constraint_error: drift.abs(),
             frequency_ratio: end / frequency,
-            object: world.object_of(raw.primitive),
+            object: self.world.object_of(raw.primitive),
         }
     }
 }

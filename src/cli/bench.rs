@@ -1,6 +1,7 @@
 //! `nullray bench`: the thesis' tables 5.1 (linear) and 5.2 (non-linear), time per sample of the benchmark scene.
 
 use super::{DeviceArgs, print_line};
+use crate::backend::Precision;
 use crate::error::{Error, Result};
 use crate::scene::load_scene;
 use crate::world::World;
@@ -109,7 +110,7 @@ pub fn run(args: &BenchArgs) -> Result<()> {
             set.push(format!("film.width={width}"));
             set.push(format!("film.height={height}"));
             let world = Arc::new(World::compile(&load_scene(Some(&path), &set)?)?);
-            backend.upload(world, args.device.precision.into(), 0)?;
+            backend.upload(world, args.device.precision(Precision::F32), 0)?;
             // Two samples of warm-up: pages, caches, kernels compiled at first use.
             backend.accumulate(0..height, 0..2)?;
             backend.timings();

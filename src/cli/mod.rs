@@ -4,6 +4,8 @@ mod bench;
 mod check;
 mod devices;
 mod render;
+mod trace;
+mod trace_output;
 mod validate;
 
 use crate::backend::cpu::CpuBackend;
@@ -28,6 +30,8 @@ struct Cli {
 enum Command {
     /// Render a scene to PNG or EXR files
     Render(render::RenderArgs),
+    /// Trace single rays from a CSV file and write where they end
+    Trace(trace::TraceArgs),
     /// Compare the film of the GPU with the film of the CPU; exit 1 when they differ
     Validate(validate::ValidateArgs),
     /// The thesis' tables: time per sample, linear and non-linear
@@ -50,9 +54,8 @@ pub enum BackendChoice {
     Cpu,
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
 enum PrecisionChoice {
-    #[default]
     F32,
     F64,
 }
@@ -75,15 +78,20 @@ struct DeviceArgs {
     /// Vulkan device, by number or part of its name (see `nullray devices`)
     #[arg(long)]
     device: Option<String>,
-    /// Precision of the curve integration
-    #[arg(long, value_enum, default_value_t)]
-    precision: PrecisionChoice,
+    /// Precision of the curve integration [default: f32, of trace f64]
+    #[arg(long, value_enum)]
+    precision: Option<PrecisionChoice>,
     /// Threads of the CPU backend
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4096))]
     threads: Option<u32>,
 }
 
 impl DeviceArgs {
+    /// The precision asked for, or the command's own.
+    fn precision(&self, default: Precision) -> Precision {
+        self.precision.map_or(default, Precision::from)
+    }
+
     /// Opens the backend; `auto` says on stderr why it is not a GPU.
     fn open(&self) -> Result<Box<dyn Backend>> {
         let cpu = || CpuBackend::new(self.threads.map(|t| t as usize));
@@ -167,6 +175,7 @@ pub fn main() -> ExitCode {
     };
     let outcome = match cli.command {
         Command::Render(args) => render::run(&args),
+        Command::Trace(args) => trace::run(&args),
         Command::Validate(args) => validate::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Check(args) => check::run(&args),

@@ -1,6 +1,7 @@
 //! `nullray render`: a scene to PNG and EXR files.
 
 use super::{DeviceArgs, SceneArgs, print_line};
+use crate::backend::Precision;
 use crate::error::{Error, Result};
 use crate::film::{Film, write_exr, write_png};
 use crate::scene::Scene;
@@ -80,7 +81,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     let (scene, world) = args.options.load(args.scene.as_ref())?;
     let triangles = world.triangles.len();
     let mut backend = args.device.open()?;
-    backend.upload(Arc::new(world), args.device.precision.into(), args.first_sample)?;
+    backend.upload(Arc::new(world), args.device.precision(Precision::F32), args.first_sample)?;
     // A time or noise limit without --spp renders as many samples as it takes.
     let samples = args.spp.unwrap_or(if time.is_some() || noise.is_some() { 1_000_000 } else { scene.film.samples });
     let goal = Goal { first_sample: args.first_sample, samples, time: time.map(Duration::from_secs_f64), noise };
@@ -153,7 +154,7 @@ fn metadata(args: &RenderArgs, scene: &Scene, film: &Film, backend: &str, second
         ("version", env!("CARGO_PKG_VERSION").to_string()),
         ("scene", scene.path.display().to_string()),
         ("backend", backend.to_string()),
-        ("precision", format!("{:?}", args.device.precision)),
+        ("precision", format!("{:?}", args.device.precision(Precision::F32))),
         ("camera", format!("{:?}", scene.camera)),
         ("film", format!("{:?}", scene.film)),
         ("spacetime", format!("{:?}", scene.spacetime)),

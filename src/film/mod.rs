@@ -154,7 +154,7 @@ impl Film {
 }
 
 /// Writes through a temporary file beside `path` and renames it, so that a failed write leaves nothing behind.
-fn write_atomically(path: &std::path::Path, write: impl FnOnce(&std::path::Path) -> Result<()>) -> Result<()> {
+pub(crate) fn write_atomically(path: &std::path::Path, write: impl FnOnce(&std::path::Path) -> Result<()>) -> Result<()> {
     let name =
         path.file_name().ok_or_else(|| Error::Usage { argument: path.display().to_string(), reason: "expected a file name".into() })?;
     let temporary = path.with_file_name(format!(".{}.{}.part", name.to_string_lossy(), std::process::id()));

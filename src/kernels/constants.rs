@@ -116,6 +116,9 @@ constants! {
         BLACK_BODY_SIZE = 256;
         /// Entries of the profile of an accretion disc, uniform in radius.
         DISC_PROFILE_SIZE = 512;
+        /// Control points of the table of a model without a closed form.
+        TABLE_ROWS = 96;
+        TABLE_COLUMNS = 48;
         /// Side of the table of GGX directional albedo, by cosine and by roughness.
         ALBEDO_SIZE = 32;
         /// Most chords one integration step is cut into.

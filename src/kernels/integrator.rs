@@ -25,6 +25,8 @@ pub struct ModelBlock<T> {
     pub global: Vec<T>,
     /// Values of its sources, one after another.
     pub sources: Vec<T>,
+    /// Its table, see [`super::table`]; empty without one.
+    pub table: Vec<T>,
 }
 
 /// A bending model as the integrator sees it. Implemented by generated code for every entry of the list of models.

@@ -323,7 +323,7 @@ pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, 
     let outside = outward.dot(wo) > 0.0;
     let offset = ORIGIN_OFFSET * surface.position.abs().max_element() + scene.origin_offset;
     if material.kind == MATERIAL_ACCRETION {
-        let hottest = material.temperature * disc_profile(view, material, surface.uv.x).x;
+        let hottest = material.temperature * disc_profile(view, material, arrival.u).x;
         let thermal = black_body(view, hottest * path.frequency_ratio * arrival.doppler);
         path.radiance += path.throughput * Vec3::from(material.emission) * thermal;
         if (material.flags & MATERIAL_OPAQUE) != 0 {

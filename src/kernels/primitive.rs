@@ -2,6 +2,7 @@
 
 use super::constants::*;
 use super::layout::Primitive;
+use super::sampling::frame_from_world;
 use glam::{Vec2, Vec3, vec2, vec3};
 
 /// Ray parameter in (0, t_max) where the ray meets the sphere, or -1 (Haines et al., Ray Tracing Gems, chapter 7).
@@ -137,8 +138,14 @@ pub fn primitive_uv(primitive: &Primitive, position: Vec3, uv: Vec2) -> Vec2 {
         let n = primitive_normal(primitive, position);
         return vec2(0.5 + n.x.atan2(n.z) / TAU, 1.0 - n.y.clamp(-1.0, 1.0).acos() * INV_PI);
     }
-    if primitive.kind == PRIMITIVE_QUAD || primitive.kind == PRIMITIVE_DISC {
+    if primitive.kind == PRIMITIVE_QUAD {
         return uv;
+    }
+    if primitive.kind == PRIMITIVE_DISC {
+        // Around the normal from an arbitrary direction, and outward.
+        let d = &primitive.data;
+        let local = frame_from_world(vec3(d[4], d[5], d[6]), position - vec3(d[0], d[1], d[2]));
+        return vec2(0.5 + local.y.atan2(local.x) / TAU, (uv.x - d[3]) / (d[7] - d[3]));
     }
     let local = box_local(primitive, position);
     let axis = box_face(local) / 2;

@@ -19,6 +19,7 @@ pub struct SceneFile {
     pub r#box: Vec<BoxTable>,
     pub quad: Vec<QuadTable>,
     pub mesh: Vec<MeshTable>,
+    pub disc: Vec<DiscTable>,
     pub accretion_disc: Vec<AccretionDiscTable>,
 }
 
@@ -136,6 +137,7 @@ pub enum SpacetimeKind {
     Alcubierre,
     Ellis,
     Dneg,
+    DustDisc,
 }
 
 impl SpacetimeKind {
@@ -157,6 +159,7 @@ impl SpacetimeKind {
             SpacetimeKind::Alcubierre => "alcubierre",
             SpacetimeKind::Ellis => "ellis",
             SpacetimeKind::Dneg => "dneg",
+            SpacetimeKind::DustDisc => "dust-disc",
         }
     }
 }
@@ -239,6 +242,7 @@ pub struct SpacetimeTable {
     pub throat_radius: Option<Spanned<Positive>>,
     pub throat_length: Option<Spanned<NonNegative>>,
     pub lensing_width: Option<Spanned<Positive>>,
+    pub mu: Option<Spanned<Positive>>,
 }
 
 impl SpacetimeTable {
@@ -282,7 +286,7 @@ impl SpacetimeTable {
             throat,
             throat_radius,
             throat_length,
-            lensing_width
+            lensing_width, mu
         );
         keys.into_iter().filter(|(key, _)| !allowed.contains(key)).find_map(|(key, span)| Some((key, span?)))
     }
@@ -522,6 +526,18 @@ impl<'de> Deserialize<'de> for Side {
             )),
         }
     }
+}
+
+/// A flat disc, or a ring if it has an inner radius.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DiscTable {
+    pub center: Vector,
+    pub normal: Spanned<Vector>,
+    pub radius: Spanned<Positive>,
+    pub inner_radius: Option<NonNegative>,
+    pub material: Option<Spanned<String>>,
+    pub side: Option<Spanned<Side>>,
 }
 
 /// A thin disc of matter on circular orbits around the model's hole.

@@ -419,6 +419,18 @@ impl Loader<'_> {
                 scene.shapes.push(Shape { material, side, geometry: Geometry::Mesh(Arc::new(mesh)) });
             }
         }
+        for d in &file.disc {
+            let normal = DVec3::from(numbers(*d.normal.get_ref()))
+                .try_normalize()
+                .ok_or_else(|| self.error(d.normal.span(), "`normal` is zero, expected a vector"))?;
+            let (inner_radius, outer_radius) = (d.inner_radius.map_or(0.0, |r| r.0), d.radius.get_ref().0);
+            if inner_radius >= outer_radius {
+                return Err(self.error(d.radius.span(), format!("{outer_radius} is not above the inner radius {inner_radius}")));
+            }
+            let (material, side) = (self.material_index(&d.material, scene)?, self.side(&d.side, scene)?);
+            let center = numbers(d.center).into();
+            scene.shapes.push(Shape { material, side, geometry: Geometry::Disc { center, normal, inner_radius, outer_radius } });
+        }
         for disc in &file.accretion_disc {
             let shape = self.accretion_disc(disc, scene)?;
             scene.shapes.push(shape);

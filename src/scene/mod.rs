@@ -220,6 +220,17 @@ pub enum Geometry {
         /// The other.
         v: DVec3,
     },
+    /// A flat disc or ring.
+    Disc {
+        /// Center.
+        center: DVec3,
+        /// Unit normal.
+        normal: DVec3,
+        /// Inner radius.
+        inner_radius: f64,
+        /// Outer radius.
+        outer_radius: f64,
+    },
     /// A disc of matter on circular orbits; its material is its own.
     AccretionDisc(AccretionDisc),
     /// Triangles.

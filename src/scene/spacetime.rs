@@ -3,6 +3,7 @@
 use super::file::*;
 use super::values::numbers;
 use crate::spacetime::ModelKind;
+use crate::spacetime::dust_disc::solve::tabulate;
 use crate::spacetime::gravity::Source;
 use crate::spacetime::thermal::isco;
 use glam::DVec3;
@@ -21,6 +22,8 @@ pub struct Spacetime {
     pub global: Vec<f64>,
     /// Values of its sources, one after another, in coordinates relative to `position`.
     pub sources: Vec<f64>,
+    /// Its table, of three numbers per control point; empty without one.
+    pub table: Vec<f64>,
     /// Radius of a wormhole's throat in its chart; 0 without one.
     pub throat: f64,
     /// How far it reaches.
@@ -103,6 +106,7 @@ impl Spacetime {
             position: DVec3::ZERO,
             global: vec![],
             sources: vec![],
+            table: vec![],
             throat: 0.0,
             extent: Extent::Nowhere,
             literal: false,
@@ -126,6 +130,7 @@ impl Spacetime {
             SpacetimeKind::MajumdarPapapetrou | SpacetimeKind::WeakLens => reader.masses(base),
             SpacetimeKind::Alcubierre => reader.bubble(base),
             SpacetimeKind::Ellis | SpacetimeKind::Dneg => reader.wormhole(base),
+            SpacetimeKind::DustDisc => reader.dust_disc(base),
         }
     }
 }
@@ -393,6 +398,22 @@ impl Reader<'_> {
             model: ModelKind::Alcubierre,
             global,
             extent: Extent::Field { center: self.origin, strength: 0.0, scale: scale / 100.0 },
+            ..base
+        })
+    }
+
+    fn dust_disc(&self, base: Spacetime) -> Result<Spacetime, Complaint> {
+        self.allow(&["mu", "radius", "axis"])?;
+        let mu = self.table.mu.as_ref().ok_or_else(|| self.missing("mu"))?;
+        let disc = tabulate(mu.get_ref().0).map_err(|reason| (mu.span(), reason))?;
+        let radius = number!(self, radius, 1.0);
+        let axis = self.unit(&self.table.axis, "axis", DVec3::Y)?;
+        let strength = 2.0 * disc.mass * radius;
+        Ok(Spacetime {
+            model: ModelKind::DustDisc,
+            global: [radius].into_iter().chain(axis.to_array()).collect(),
+            table: disc.values.concat(),
+            extent: Extent::Field { center: self.origin, strength, scale: strength.max(radius) },
             ..base
         })
     }

@@ -96,7 +96,9 @@ pub fn load3<L: Lane, const N: usize>(token: L::Token, v: &[[L::Real; N]; 3]) ->
 }
 
 /// `f32` or `f64`, as the entry of a lane.
-pub trait Real: Copy + PartialOrd + Default + Send + Sync + bytemuck::Pod {
+pub trait Real:
+    Copy + PartialOrd + Default + Send + Sync + bytemuck::Pod + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
+{
     /// Rounds a double.
     fn from_f64(value: f64) -> Self;
     /// Widens to a double.

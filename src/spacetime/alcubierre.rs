@@ -30,7 +30,7 @@ const WALL: f64 = 4.0;
 impl Metric for Alcubierre {
     type Global<S: Scalar> = Bubble<S>;
 
-    fn shift<S: Scalar>(bubble: &Bubble<S>, x: Vec3<S>) -> Vec3<S> {
+    fn shift<S: Scalar>(bubble: &Bubble<S>, x: Vec3<S>, _: [S; 3]) -> Vec3<S> {
         let r = x.length_or_zero();
         let norm = (bubble.sigma * bubble.radius).tanh() * S::constant(2.0);
         let f = ((bubble.sigma * (r + bubble.radius)).tanh() - (bubble.sigma * (r - bubble.radius)).tanh()) / norm;

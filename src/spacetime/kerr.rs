@@ -65,16 +65,16 @@ impl<S: Scalar> SpinningHole<S> {
 impl Metric for KerrNewman {
     type Global<S: Scalar> = SpinningHole<S>;
 
-    fn lapse<S: Scalar>(hole: &SpinningHole<S>, x: Vec3<S>) -> S {
+    fn lapse<S: Scalar>(hole: &SpinningHole<S>, x: Vec3<S>, _: [S; 3]) -> S {
         S::constant(1.0) / hole.kerr_schild(x).1.sqrt()
     }
 
-    fn shift<S: Scalar>(hole: &SpinningHole<S>, x: Vec3<S>) -> Vec3<S> {
+    fn shift<S: Scalar>(hole: &SpinningHole<S>, x: Vec3<S>, _: [S; 3]) -> Vec3<S> {
         let (share, _, l) = hole.kerr_schild(x);
         l * share
     }
 
-    fn inverse_metric<S: Scalar>(hole: &SpinningHole<S>, x: Vec3<S>) -> Symmetric<S> {
+    fn inverse_metric<S: Scalar>(hole: &SpinningHole<S>, x: Vec3<S>, _: [S; 3]) -> Symmetric<S> {
         let (share, _, l) = hole.kerr_schild(x);
         Symmetric::from_dyad(S::constant(1.0), -share, l)
     }

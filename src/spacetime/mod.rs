@@ -9,6 +9,7 @@
 //! compiles it too.
 
 mod alcubierre;
+pub mod dust_disc;
 pub mod expr;
 mod flat;
 mod flow;
@@ -22,6 +23,7 @@ pub mod thermal;
 mod wormhole;
 
 pub use alcubierre::Alcubierre;
+pub use dust_disc::DustDisc;
 pub use flat::Flat;
 pub use flow::{Lorenz, Parametric, Rossler};
 pub use gravity::{PowerGravity, ThesisGravity};
@@ -122,18 +124,26 @@ pub trait Metric {
     /// Parameters of the model.
     type Global<S: Scalar>: Parameters<S>;
 
+    /// Whether part of the metric comes from a table over two coordinates.
+    const HAS_TABLE: bool = false;
+
+    /// Where the table is read at `x`: two numbers in [0, 1]. Its three entries there reach the other functions as `table`.
+    fn table_point<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>) -> [S; 2] {
+        [S::constant(0.0); 2]
+    }
+
     /// Lapse: proper time of the Eulerian observer per coordinate time.
-    fn lapse<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>) -> S {
+    fn lapse<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>, _table: [S; 3]) -> S {
         S::constant(1.0)
     }
 
     /// Shift vector.
-    fn shift<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>) -> Vec3<S> {
+    fn shift<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>, _table: [S; 3]) -> Vec3<S> {
         Vec3::zero()
     }
 
     /// Inverse spatial metric gamma^ij.
-    fn inverse_metric<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>) -> Symmetric<S> {
+    fn inverse_metric<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>, _table: [S; 3]) -> Symmetric<S> {
         Symmetric::from_dyad(S::constant(1.0), S::constant(0.0), Vec3::zero())
     }
 
@@ -209,6 +219,7 @@ macro_rules! for_each_model {
             (Alcubierre, alcubierre, Metric),
             (Ellis, ellis, Medium),
             (Dneg, dneg, Metric),
+            (DustDisc, dust_disc, Metric),
         }
     };
 }

@@ -51,7 +51,7 @@ impl Medium for Ellis {
 impl Metric for Dneg {
     type Global<S: Scalar> = LongThroat<S>;
 
-    fn inverse_metric<S: Scalar>(throat: &LongThroat<S>, x: Vec3<S>) -> Symmetric<S> {
+    fn inverse_metric<S: Scalar>(throat: &LongThroat<S>, x: Vec3<S>, _: [S; 3]) -> Symmetric<S> {
         let one = S::constant(1.0);
         let rho2 = x.dot(x);
         let rho = rho2.sqrt();

@@ -67,7 +67,8 @@ pub(super) fn add(world: &mut World, scene: &Scene) {
                     }
                 }
             }
-            Geometry::AccretionDisc(_) => {}
+            // Directions towards a disc are left to the surface's own lobes.
+            Geometry::Disc { .. } | Geometry::AccretionDisc(_) => {}
             Geometry::Mesh(mesh) => {
                 for t in &mesh.indices {
                     let [a, b, c] = t.map(|i| Vec3::from(mesh.positions[i as usize]));

@@ -21,7 +21,7 @@ use crate::scene::{AccretionDisc, CameraKind, Environment, Filter, Geometry, Hol
 use crate::simd::Real;
 use crate::spacetime::thermal::{black_body_table, disc_temperatures, keplerian};
 use crate::spacetime::{Class, ModelKind};
-use glam::{DMat4, Vec3};
+use glam::{DMat4, DVec3, Vec3};
 use rayon::prelude::*;
 
 /// Everything a backend needs of a scene, and nothing it does not.
@@ -100,6 +100,7 @@ impl World {
                 tableau: method::tableau(scene.integrator.method),
                 global: scene.spacetime.global.clone(),
                 sources: scene.spacetime.sources.clone(),
+                table: scene.spacetime.table.clone(),
             },
             spacetime: scene.spacetime.clone(),
             bounds: (Vec3::ZERO, Vec3::ZERO),
@@ -164,6 +165,7 @@ impl World {
             tableau: convert(&self.parameters.tableau),
             global: convert(&self.parameters.global),
             sources: convert(&self.parameters.sources),
+            table: convert(&self.parameters.table),
         }
     }
 
@@ -206,6 +208,10 @@ impl World {
                     }
                     PRIMITIVE_BOX
                 }
+                Geometry::Disc { center, normal, inner_radius, outer_radius } => {
+                    data[..8].copy_from_slice(&disc_data(*center, *normal, *inner_radius, *outer_radius));
+                    PRIMITIVE_DISC
+                }
                 Geometry::AccretionDisc(disc) => {
                     self.add_disc(disc, shape.material, scene.spacetime.hole, &mut data);
                     PRIMITIVE_DISC
@@ -241,10 +247,7 @@ impl World {
         // Without a hole (light made straight by an option) the disc stays where it is.
         let hole = hole.unwrap_or(Hole { mass: 0.0, spin: 0.0, axis: disc.normal, isotropic: false });
         let (inner, outer) = (hole.chart_radius(disc.inner_radius), hole.chart_radius(disc.outer_radius));
-        data[..3].copy_from_slice(&disc.center.as_vec3().to_array());
-        data[3] = inner as f32;
-        data[4..7].copy_from_slice(&disc.normal.as_vec3().to_array());
-        data[7] = outer as f32;
+        data[..8].copy_from_slice(&disc_data(disc.center, disc.normal, inner, outer));
         let last = f64::from(DISC_PROFILE_SIZE - 1);
         let spin = hole.spin_about(disc.normal);
         let radii: Vec<f64> =
@@ -254,9 +257,15 @@ impl World {
         target.profile = self.profiles.len() as u32;
         target.inner_radius = inner as f32;
         target.outer_radius = outer as f32;
-        target.flags = MATERIAL_TWO_SIDED | MATERIAL_TEXTURED | if disc.opaque { MATERIAL_OPAQUE } else { 0 };
+        target.flags = MATERIAL_TWO_SIDED | if disc.opaque { MATERIAL_OPAQUE } else { 0 };
         self.profiles.extend(radii.iter().zip(temperatures).map(|(r, t)| [t, keplerian(*r, hole.mass, spin) as f32]));
     }
+}
+
+/// Data of a disc primitive.
+fn disc_data(center: DVec3, normal: DVec3, inner: f64, outer: f64) -> [f32; 8] {
+    let (c, n) = (center.as_vec3(), normal.as_vec3());
+    [c.x, c.y, c.z, inner as f32, n.x, n.y, n.z, outer as f32]
 }
 
 impl SceneParameters {

@@ -402,6 +402,7 @@ fn cross_throat<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>, la
         (lanes.v[axis][i], lanes.a[axis][i]) = (v[axis], a[axis]);
     }
     lanes.side[i] ^= 1;
+    lanes.until[i] = stop_distance(course, functions, x, lanes.length[i], lanes.parameter[i]);
 }
 
 /// Center of the bending region.
@@ -425,17 +426,14 @@ fn finish<T: Scalar>(
     let x = solo.hit.map_or(solo.x, |(_, position)| position.to_array().map(|c| T::from_f64(f64::from(c))));
     let (energy, sense) = (lanes.energy[i], lanes.sense[i]);
     let (direction, frequency, _) = (functions.observe)((), model, x, solo.p, energy, sense, solo.parameter);
-    let (_, _, drift) = (functions.observe)(
-        (),
-        model,
-        [lanes.x[0][i], lanes.x[1][i], lanes.x[2][i]],
-        [lanes.p[0][i], lanes.p[1][i], lanes.p[2][i]],
-        energy,
-        sense,
-        lanes.parameter[i],
-    );
+    let drift = if course.drift {
+        let at = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
+        (functions.observe)((), model, at(&lanes.x), at(&lanes.p), energy, sense, lanes.parameter[i]).2.to_f32().abs()
+    } else {
+        0.0
+    };
     let escaped = status == STATUS_ESCAPED;
-    let medium = course.kind.class() == Class::Medium;
+    let asymptotic = course.kind.class() == Class::Medium || course.scene.region_strength != 0.0;
     let end = if escaped { (functions.far_frequency)((), model, solo.p, energy) } else { frequency };
     let mut frame = [[1.0; 3], [0.0; 3]];
     if solo.hit.is_some() && course.kind.class() == Class::Metric {
@@ -451,10 +449,10 @@ fn finish<T: Scalar>(
         doppler = (frequency / emitted).to_f32();
     }
     let observed = Observed {
-        // A medium's escaped ray has its asymptotic direction already.
-        direction: if escaped && medium { None } else { Some(direction) },
+        // An escaped ray may have its asymptotic direction already.
+        direction: if escaped && asymptotic { None } else { Some(direction) },
         redshift: (lanes.frequency[i] / end).to_f32(),
-        constraint_error: drift.to_f32().abs(),
+        constraint_error: drift,
         frame,
         doppler,
     };

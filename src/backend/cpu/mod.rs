@@ -3,7 +3,7 @@
 pub mod advance;
 pub mod step;
 
-use super::{Backend, KernelTiming, Precision, Prepared, RawLanding, Stop, TraceOptions, TraceRay, TraceResult, widen};
+use super::{Backend, KernelTiming, Precision, Prepared, RawLanding, Stop, TraceOptions, TraceRay, TraceResult, Tracer, widen};
 use crate::dispatch;
 use crate::error::{Error, Result};
 use crate::film::{Film, PixelSum, Statistics, add_sample};
@@ -140,10 +140,10 @@ impl CpuBackend {
         let origins: Vec<[f64; 3]> = rays.iter().map(|r| r.origin).collect();
         let scene: SceneParameters = world.trace_parameters(&origins, reach, options);
         let kind = world.traced_model(options.stop);
-        let course = Course { view: world.view(), scene: &scene, model: T::model(&self.models), kind, stop: options.stop };
-        let level = self.level;
+        let course = Course { view: world.view(), scene: &scene, model: T::model(&self.models), kind, stop: options.stop, drift: false };
+        let (level, tracer) = (self.level, Tracer::new(&world));
         let trace_chunk = |rays: &[TraceRay]| {
-            let prepared: Vec<Prepared> = rays.iter().map(|r| Prepared::new(&world, r)).collect();
+            let prepared: Vec<Prepared> = rays.iter().map(|r| tracer.prepare(r)).collect();
             let mut results: Vec<Option<TraceResult>> = vec![None; rays.len()];
             let launch = |i: usize| {
                 let p = &prepared[i];
@@ -171,7 +171,7 @@ impl CpuBackend {
                     steps: landing.arrival.steps,
                     chords: landing.arrival.chords,
                 };
-                results[i] = Some(prepared[i].result(&world, &raw));
+                results[i] = Some(tracer.result(&prepared[i], &raw));
             });
             results.into_iter().flatten().collect::<Vec<_>>()
         };
@@ -236,7 +236,7 @@ impl<T: Advance> Shared<'_, T> {
         mut resolve: impl FnMut(usize, [f32; 3], Option<Aov>) -> bool,
     ) {
         let view = &self.view;
-        let course = Course { view: *view, scene: view.scene, model: self.model, kind: self.kind, stop: Stop::Never };
+        let mut course = Course { view: *view, scene: view.scene, model: self.model, kind: self.kind, stop: Stop::Never, drift: sample == self.first_sample };
         let mut clock = StageClock::new();
         scratch.paths.clear();
         dispatch!(self.level, _simd => scratch.paths.extend(pixels.iter().map(#[inline(always)] |&(x, y)| start_path(view, x, y, sample))));
@@ -265,6 +265,7 @@ impl<T: Advance> Shared<'_, T> {
             advance(self.level, &course, &mut scratch.stack, active.len(), launch, |i, landing| {
                 arrivals[i] = Some(landing.arrival);
             });
+            course.drift = false;
             nanos[1] += clock.lap();
             dispatch!(self.level, _simd => {
                 self.shade_all(pixels, sample, scratch, &mut active, statistics, wants_aovs.then_some(&mut first_aovs))

@@ -72,6 +72,8 @@ pub struct Course<'a, T> {
     pub kind: ModelKind,
     /// Where traced rays end.
     pub stop: Stop,
+    /// Whether the drift of the Hamiltonian is wanted.
+    pub drift: bool,
 }
 
 /// A number per lane.

@@ -5,6 +5,7 @@ use super::command::Commands;
 use super::device::Device;
 use crate::backend::Precision;
 use crate::error::Result;
+use crate::kernels::constants::{TABLE_COLUMNS, TABLE_ROWS};
 use crate::kernels::layout::SceneParameters;
 use crate::simd::Real;
 use crate::world::World;
@@ -85,7 +86,10 @@ fn model_bytes<T: Real>(world: &World) -> Vec<u8> {
     values.extend(&block.global);
     let source_start = values.len();
     values.extend(&block.sources);
-    let header = [count, stride, source_start, global_start].map(|v| v as u32);
+    let table_start = values.len();
+    values.extend(&block.table);
+    let (rows, columns) = (TABLE_ROWS as usize, TABLE_COLUMNS as usize);
+    let header = [count, stride, source_start, global_start, table_start, rows, columns, values.len()].map(|v| v as u32);
     let mut bytes = bytemuck::cast_slice(&header).to_vec();
     bytes.extend_from_slice(bytemuck::cast_slice(&values));
     bytes

@@ -3,7 +3,7 @@
 use super::buffer::Buffer;
 use super::scene::{download, upload_at};
 use super::{Loaded, Push, VulkanBackend, advance_name};
-use crate::backend::{Precision, Prepared, RawLanding, Stop, TraceOptions, TraceRay, TraceResult};
+use crate::backend::{Precision, Prepared, RawLanding, Stop, TraceOptions, TraceRay, TraceResult, Tracer};
 use crate::error::Result;
 use crate::kernels::constants::*;
 use crate::spacetime::ModelKind;
@@ -26,10 +26,11 @@ impl VulkanBackend {
         if model != world.model {
             loaded.kernels.advance = self.kernel(&advance_name(model, loaded.precision))?;
         }
+        let tracer = Tracer::new(&world);
         let mut results = Vec::with_capacity(rays.len());
         for chunk in rays.chunks(self.capacity as usize) {
             let count = chunk.len() as u32;
-            let prepared: Vec<Prepared> = chunk.iter().map(|r| Prepared::new(&world, r)).collect();
+            let prepared: Vec<Prepared> = chunk.iter().map(|r| tracer.prepare(r)).collect();
             let mut staging = Buffer::new(&self.device, "staging", 1 << 20, MemoryLocation::CpuToGpu)?;
             for (word, values) in launch_words(&prepared, loaded.precision) {
                 let offset = word * u64::from(self.capacity) * 16;
@@ -44,7 +45,7 @@ impl VulkanBackend {
                 let bytes = download(&mut self.commands, &mut self.readback, &self.paths, offset, u64::from(count) * 16)?;
                 words.push(bytemuck::pod_collect_to_vec::<u8, [u32; 4]>(&bytes));
             }
-            results.extend(prepared.iter().enumerate().map(|(i, p)| p.result(&world, &landing(&words, i, loaded.precision, model))));
+            results.extend(prepared.iter().enumerate().map(|(i, p)| tracer.result(p, &landing(&words, i, loaded.precision, model))));
         }
         if model != world.model {
             loaded.kernels.advance = self.kernel(&advance_name(world.model, loaded.precision))?;

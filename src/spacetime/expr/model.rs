@@ -34,6 +34,11 @@ const MATTER: &[Argument] =
     &[POSITION, MOMENTUM, Argument::Number("energy"), Argument::Number("sense"), Argument::Vector("velocity", ["wx", "wy", "wz"])];
 const CAPTURE: &[Argument] = &[POSITION, MOMENTUM, Argument::Number("frequency"), Argument::Number("sense")];
 
+/// Entries of the table of a model, and their derivatives by its two coordinates.
+const TABLE_ENTRIES: [&str; 3] = ["table_0", "table_1", "table_2"];
+const TABLE_BY_U: [&str; 3] = ["table_0_u", "table_1_u", "table_2_u"];
+const TABLE_BY_V: [&str; 3] = ["table_0_v", "table_1_v", "table_2_v"];
+
 /// What a loop over the sources accumulates.
 enum Reduction {
     None,
@@ -51,6 +56,8 @@ pub struct ModelFormulas {
     source_names: &'static [&'static str],
     source_potential: Expr,
     source_safe_step: Expr,
+    /// Where the table is read, of a model that has one.
+    table_point: Option<[Expr; 2]>,
     functions: Vec<Function>,
 }
 
@@ -131,6 +138,7 @@ impl ModelFormulas {
             source_names,
             source_potential: M::source_potential(&source, x),
             source_safe_step: M::source_safe_step(&source, x),
+            table_point: None,
             functions,
         }
     }
@@ -141,11 +149,15 @@ impl ModelFormulas {
         let global = M::Global::<Expr>::read(&inputs("g_", global_names));
         let (x, q, d) = (vector(["x", "y", "z"]), vector(["px", "py", "pz"]), vector(["dx", "dy", "dz"]));
         let [energy, sense, frequency] = ["energy", "sense", "frequency"].map(Expr::input);
-        let (lapse, shift, inverse) = (M::lapse(&global, x), M::shift(&global, x), M::inverse_metric(&global, x));
+        let table = TABLE_ENTRIES.map(Expr::input);
+        let (lapse, shift, inverse) =
+            (M::lapse(&global, x, table), M::shift(&global, x, table), M::inverse_metric(&global, x, table));
+        let table_point = M::HAS_TABLE.then(|| M::table_point(&global, x));
 
         let measured = inverse.times(q).dot(q).sqrt();
         let hamiltonian = lapse * measured - sense * shift.dot(q);
         let [hx, hy, hz, vx, vy, vz] = gradient(hamiltonian, [x.0, x.1, x.2, q.0, q.1, q.2]);
+        let [hx, hy, hz] = through_table(hamiltonian, table, table_point, x, [hx, hy, hz]);
         let (diagonal, lower) = inverse.cholesky();
         // L^T q in the local frame; its inverse turns a unit direction into a momentum of frequency 1.
         let local = Vec3(diagonal.0 * q.0 + lower.0 * q.1 + lower.1 * q.2, diagonal.1 * q.1 + lower.2 * q.2, diagonal.2 * q.2);
@@ -190,7 +202,7 @@ impl ModelFormulas {
             },
             Function { name: "safe_step", arguments: FRAME, results: vec![("length", vec![M::safe_step(&global, x)])] },
         ];
-        Self::without_sources(global_names, functions)
+        ModelFormulas { table_point, ..Self::without_sources(global_names, functions) }
     }
 
     /// The functions of a flow.
@@ -225,7 +237,7 @@ impl ModelFormulas {
 
     fn without_sources(global_names: &'static [&'static str], functions: Vec<Function>) -> Self {
         let zero = Expr::constant(0.0);
-        ModelFormulas { global_names, source_names: &[], source_potential: zero, source_safe_step: zero, functions }
+        ModelFormulas { global_names, source_names: &[], source_potential: zero, source_safe_step: zero, table_point: None, functions }
     }
 
     /// GLSL functions of the model; `real` and the accessors `model_*` must be in scope.
@@ -257,6 +269,7 @@ impl ModelFormulas {
             self.reduce(&mut out, dialect, &outputs, "for (int source = 0; source < model_source_count(); ++source)", |i| {
                 format!("model_source(source, {i})")
             });
+            self.read_table(&mut out, dialect, &outputs);
             let (body, names) = statements(dialect, "t", &outputs);
             out.push_str(&body);
             let mut names = names.into_iter();
@@ -309,6 +322,7 @@ impl ModelFormulas {
             self.reduce(&mut out, Dialect::Rust, &outputs, &format!("for source in model.sources.chunks_exact({stride})"), |i| {
                 format!("L::splat(token, source[{i}])")
             });
+            self.read_table(&mut out, Dialect::Rust, &outputs);
             let (body, names) = statements(Dialect::Rust, "t", &outputs);
             out.push_str(&body);
             let mut names = names.into_iter();
@@ -337,6 +351,32 @@ impl ModelFormulas {
             if reads(outputs, &name) {
                 let keyword = if dialect == Dialect::Rust { "let" } else { "real" };
                 let _ = writeln!(out, "    {keyword} {name} = {};", value(i));
+            }
+        }
+    }
+
+    /// Reads the table where `outputs` use its entries.
+    fn read_table(&self, out: &mut String, dialect: Dialect, outputs: &[Expr]) {
+        let Some(point) = self.table_point.filter(|_| TABLE_ENTRIES.iter().any(|n| reads(outputs, n))) else { return };
+        let (body, at) = statements(dialect, "u", &point);
+        out.push_str(&body);
+        let list = |names: [&str; 3]| names.join(", ");
+        if dialect == Dialect::Rust {
+            let _ = writeln!(
+                out,
+                "    let ([{}], [{}], [{}]) = crate::kernels::table::table_lookup(token, &model.table, {}, {});",
+                list(TABLE_ENTRIES),
+                list(TABLE_BY_U),
+                list(TABLE_BY_V),
+                at[0],
+                at[1]
+            );
+            return;
+        }
+        let _ = writeln!(out, "    real3 table_value, table_u, table_v;\n    table_lookup({}, {}, table_value, table_u, table_v);", at[0], at[1]);
+        for (names, vector) in [(TABLE_ENTRIES, "table_value"), (TABLE_BY_U, "table_u"), (TABLE_BY_V, "table_v")] {
+            for (name, component) in names.iter().zip(["x", "y", "z"]) {
+                let _ = writeln!(out, "    real {name} = {vector}.{component};");
             }
         }
     }
@@ -385,6 +425,21 @@ impl ModelFormulas {
         }
         out.push_str("    }\n");
     }
+}
+
+/// Adds to the derivatives of `output` by position what comes through the table's entries.
+fn through_table(output: Expr, table: [Expr; 3], point: Option<[Expr; 2]>, x: Vec3<Expr>, direct: [Expr; 3]) -> [Expr; 3] {
+    let Some(point) = point else { return direct };
+    let by_entry = gradient(output, table);
+    let mut sum = direct;
+    for (along, names) in point.into_iter().zip([TABLE_BY_U, TABLE_BY_V]) {
+        let slope = by_entry.into_iter().zip(names).fold(Expr::constant(0.0), |s, (by, name)| s + by * Expr::input(name));
+        let by_position = gradient(along, [x.0, x.1, x.2]);
+        for (total, by) in sum.iter_mut().zip(by_position) {
+            *total = *total + slope * by;
+        }
+    }
+    sum
 }
 
 /// The model's own radial coordinate.
