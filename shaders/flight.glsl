@@ -177,7 +177,9 @@ void advance(uint slot) {
     Charge charge = charge_of(ray);
     Flight flight = Flight(ray.x, ray.p, ray.p, real3(0.0));
     real before = real(0.0);
+    real safe = real(0.0);
     if (launched) {
+        safe = safe_step(ray.x);
         flight = rate_at(charge, ray.x, ray.p, ray.parameter);
         before = push.stop == STOP_NONE ? real(0.0) : stop_distance(ray.x, ray.len, ray.parameter);
     }
@@ -200,13 +202,13 @@ void advance(uint slot) {
             moved = flight;
             cone = spread * float(ray.len) + width;
             vec3 size = abs(vec3(ray.x));
-            tolerance = max(real(cone * SCENE.tolerance), real(max(size.x, max(size.y, size.z))) * TOLERANCE_FLOOR);
+            tolerance = max(min(real(cone * SCENE.tolerance), safe * SAFE_TOLERANCE), real(max(size.x, max(size.y, size.z))) * TOLERANCE_FLOOR);
             error = real(0.0);
 #ifdef MEDIUM
             if (SCENE.method == METHOD_NYSTROM) {
                 nystrom_step(charge, moved, ray.h, error);
             } else if (SCENE.method == METHOD_EULER) {
-                euler_step(charge, moved, ray.h, SCENE.literal_kick == 1 ? real(1.0) : ray.h);
+                euler_step(index_gradient(moved.x, ray.energy), moved, ray.h, SCENE.literal_kick == 1 ? real(1.0) : ray.h);
             } else if (SCENE.method == METHOD_LEAPFROG) {
                 leapfrog_step(charge, moved, ray.parameter, ray.h);
             } else
@@ -236,6 +238,14 @@ void advance(uint slot) {
                     }
                 }
                 before = accepted ? after : before;
+            }
+            if (accepted && SCENE.region_sharp != 0) {
+                // A step past a sharp edge of the region is taken again, to a little past it.
+                real inside = length(flight.x - center), beyond = length(moved.x - center);
+                if (inside < radius && beyond > radius * (real(1.0) + EDGE_SLACK) && dot(moved.x - center, moved.v) > real(0.0)) {
+                    accepted = false;
+                    again = ray.h * ((radius * (real(1.0) + real(0.5) * EDGE_SLACK) - inside) / (beyond - inside));
+                }
             }
             if (!accepted) {
                 ray.h = again;
@@ -290,8 +300,9 @@ void advance(uint slot) {
             ray.clock = float(charge.sense * frequency);
             charge = charge_of(ray);
             flight = rate_at(charge, ray.x, ray.p, ray.parameter);
+            safe = safe_step(ray.x);
             if (!fixed_step) {
-                ray.h = first_step(flight, safe_step(ray.x));
+                ray.h = first_step(flight, safe);
             } else {
                 ray.h = SCENE.method == METHOD_RUNGE_KUTTA ? model_step() / sqrt(dot(flight.v, flight.v)) : model_step();
             }
@@ -306,8 +317,9 @@ void advance(uint slot) {
         ray.len += piece;
         ray.parameter += ray.h;
         real size = sqrt(dot(flight.v, flight.v));
+        safe = safe_step(ray.x);
         if (!fixed_step) {
-            ray.h = min(ray.h * step_factor(error, tolerance), safe_step(ray.x) / size);
+            ray.h = min(ray.h * step_factor(error, tolerance), safe / size);
         } else if (SCENE.method == METHOD_RUNGE_KUTTA) {
             ray.h = model_step() / size;
         }

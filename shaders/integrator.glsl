@@ -101,8 +101,7 @@ real first_step(Flight flight, real safe_length) {
     return min(radius * FIRST_STEP, safe_length) / speed;
 }
 
-void euler_step(Charge charge, inout Flight flight, real h, real kick) {
-    real3 gradient = index_gradient(flight.x, charge.energy);
+void euler_step(real3 gradient, inout Flight flight, real h, real kick) {
     real speed = sqrt(dot(flight.p, flight.p));
     flight.x = along(flight.x, flight.p, h / speed);
     flight.p = along(flight.p, gradient, kick);

@@ -105,6 +105,7 @@ struct SceneParameters {
     uint literal_kick;
     uint max_depth;
     uint light_count;
+    uint region_sharp;
     uint local_frames;
     float light_share;
 };

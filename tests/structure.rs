@@ -216,6 +216,7 @@ fn structures_have_the_layout_of_the_shaders() {
             literal_kick,
             max_depth,
             light_count,
+            region_sharp,
             local_frames,
             light_share
         }

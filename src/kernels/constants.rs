@@ -193,6 +193,10 @@ constants! {
         STEP_SAFETY = 0.9;
         STEP_SHRINK = 0.2;
         STEP_GROW = 3.0;
+        /// Largest error of a step as a share of the longest safe one: wide cones are no reason to lose the way.
+        SAFE_TOLERANCE = 1e-2;
+        /// How far beyond a sharp edge of the region a ray may end, as a share of its radius.
+        EDGE_SLACK = 1e-4;
         /// First step, as a share of the local radius of curvature.
         FIRST_STEP = 0.3;
         /// How far inside the bending region a ray that enters it is put, as a share of the way to it.

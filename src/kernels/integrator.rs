@@ -121,6 +121,8 @@ pub struct PointFunctions<T> {
     pub capture_distance: fn((), &ModelBlock<T>, [T; 3], [T; 3], T, T) -> T,
     /// [`Model::coordinate_radius`].
     pub coordinate_radius: fn((), &ModelBlock<T>, [T; 3]) -> T,
+    /// [`Model::index_gradient`].
+    pub index_gradient: fn((), &ModelBlock<T>, [T; 3], T) -> [T; 3],
     /// [`Model::safe_step`].
     pub safe_step: fn((), &ModelBlock<T>, [T; 3]) -> T,
 }
@@ -146,6 +148,7 @@ impl<T: Lane<Real = T, Mask = bool, Token = ()>> PointFunctions<T> {
             matter_frequency: M::matter_frequency::<T>,
             capture_distance: M::capture_distance::<T>,
             coordinate_radius: M::coordinate_radius::<T>,
+            index_gradient: M::index_gradient::<T>,
             safe_step: M::safe_step::<T>,
         }
     }
@@ -294,36 +297,28 @@ pub fn runge_kutta_step<M: Model, L: Lane>(
 }
 
 /// Symplectic Euler (Satoh 2003): p += h force(x, p), implicitly, then x += h velocity(x, p) with the new p. Where the force depends on
-/// the momentum the fixed point is iterated `SYMPLECTIC_ITERATIONS` times.
+/// the momentum the fixed point is iterated `SYMPLECTIC_ITERATIONS` times. `rate_at` evaluates at (x, p, parameter).
 #[inline(always)]
-pub fn symplectic_step<M: Model, L: Lane>(
-    token: L::Token,
-    model: &ModelBlock<L::Real>,
-    charge: &Charge<L>,
-    flight: &Flight<L>,
-    parameter: L,
-    h: L,
-) -> Flight<L> {
+pub fn symplectic_step<L: Lane>(rate_at: impl Fn([L; 3], [L; 3], L) -> Flight<L>, flight: &Flight<L>, parameter: L, h: L) -> Flight<L> {
     let mut at = *flight;
     for _ in 0..SYMPLECTIC_ITERATIONS {
-        at = rate_at::<M, L>(token, model, charge, flight.x, along(flight.p, at.a, h), parameter);
+        at = rate_at(flight.x, along(flight.p, at.a, h), parameter);
     }
-    rate_at::<M, L>(token, model, charge, along(flight.x, at.v, h), at.p, parameter + h)
+    rate_at(along(flight.x, at.v, h), at.p, parameter + h)
 }
 
 /// Leapfrog through a medium: half a kick, a drift, half a kick (Stoermer and Verlet).
 #[inline(always)]
-pub fn leapfrog_step<M: Model, L: Lane>(
+pub fn leapfrog_step<L: Lane>(
     token: L::Token,
-    model: &ModelBlock<L::Real>,
-    charge: &Charge<L>,
+    rate_at: impl Fn([L; 3], [L; 3], L) -> Flight<L>,
     flight: &Flight<L>,
     parameter: L,
     h: L,
 ) -> Flight<L> {
     let half = h * L::constant(token, 0.5);
     let p = along(flight.p, flight.a, half);
-    let mut to = rate_at::<M, L>(token, model, charge, along(flight.x, p, h), p, parameter + h);
+    let mut to = rate_at(along(flight.x, p, h), p, parameter + h);
     to.p = along(p, to.a, half);
     to.v = to.p;
     to
@@ -349,17 +344,9 @@ pub fn first_step<L: Lane>(token: L::Token, flight: &Flight<L>, safe_step: L) ->
 }
 
 /// The thesis' recurrence through a medium: X += h V/|V|, V += kick grad n, both from the old state. `kick` is h for the equation of
-/// motion and 1 for the literal text, in which the strength acts per step. Not re-evaluated: velocity and force stay behind.
+/// motion and 1 for the literal text, in which the strength acts per step. Velocity and force are not evaluated anew.
 #[inline(always)]
-pub fn euler_step<M: Model, L: Lane>(
-    token: L::Token,
-    model: &ModelBlock<L::Real>,
-    charge: &Charge<L>,
-    flight: &Flight<L>,
-    h: L,
-    kick: L,
-) -> Flight<L> {
-    let gradient = M::index_gradient(token, model, flight.x, charge.energy);
+pub fn euler_step<L: Lane>(gradient: [L; 3], flight: &Flight<L>, h: L, kick: L) -> Flight<L> {
     let speed = dot(flight.p, flight.p).sqrt();
     let p = along(flight.p, gradient, kick);
     Flight { x: along(flight.x, flight.p, h / speed), p, v: p, a: flight.a }

@@ -221,6 +221,8 @@ pub struct SceneParameters {
     pub max_depth: u32,
     /// Lights in the list; the environment, if sampled, is the last.
     pub light_count: u32,
+    /// 1 if light bends up to the edge of the region, so that rays must be taken there and not beyond.
+    pub region_sharp: u32,
     /// 1 if space is not conformally flat, so that surfaces must be seen in the local frame.
     pub local_frames: u32,
     /// Largest share of samples that go towards lights (0 switches light sampling off).

@@ -23,6 +23,10 @@ parameters! {
 /// Rays are captured where the sum of m / r has grown to this.
 const CAPTURE_POTENTIAL: f64 = 100.0;
 
+/// Largest step as a share of the distance to a mass. A ray that falls towards one gathers speed as r^-2 and would be there after a
+/// third of the distance at its present speed.
+const FALL: f64 = 0.25;
+
 impl<S: Scalar> PointMass<S> {
     fn distance(&self, x: Vec3<S>) -> S {
         (x - Vec3(self.px, self.py, self.pz)).length_or_zero()
@@ -50,7 +54,7 @@ impl Medium for MajumdarPapapetrou {
     }
 
     fn source_safe_step<S: Scalar>(source: &PointMass<S>, x: Vec3<S>) -> S {
-        source.distance(x) * S::constant(0.7)
+        source.distance(x) * S::constant(FALL)
     }
 }
 
@@ -76,6 +80,6 @@ impl Medium for WeakLens {
     }
 
     fn source_safe_step<S: Scalar>(source: &PointMass<S>, x: Vec3<S>) -> S {
-        source.distance(x) * S::constant(0.7)
+        source.distance(x) * S::constant(FALL)
     }
 }

@@ -273,6 +273,7 @@ impl SceneParameters {
         self.region_center = region.center.to_array();
         self.region_radius = region.radius;
         self.region_strength = region.strength;
+        self.region_sharp = u32::from(region.sharp);
     }
 }
 

@@ -15,6 +15,8 @@ pub struct Region {
     pub radius: f32,
     /// Coefficient A of the far field n = 1 + A / r outside; 0 where space is straight.
     pub strength: f32,
+    /// Whether light bends up to the edge, so that rays must be taken there and not beyond.
+    pub sharp: bool,
 }
 
 /// How far out rays are integrated where the field has no end.
@@ -45,20 +47,20 @@ pub(super) fn of(spacetime: &Spacetime, bounds: (Vec3, Vec3), camera: Vec3) -> R
 pub fn region(spacetime: &Spacetime, low: Vec3, high: Vec3, reach: Reach) -> Region {
     let around = |center: Vec3| (1.01 * (low - center).abs().max((high - center).abs()).length()).max(1.0);
     match spacetime.extent {
-        Extent::Nowhere => Region { center: Vec3::ZERO, radius: 0.0, strength: 0.0 },
+        Extent::Nowhere => Region { center: Vec3::ZERO, radius: 0.0, strength: 0.0, sharp: false },
         Extent::Ball(center, radius) => {
             let center = center.as_vec3();
             let radius = radius as f32 * 1.000_001;
             // The literal recurrence counts its steps from the ray's origin, so they must not start at the ball.
-            Region { center, radius: if spacetime.literal { radius.max(around(center)) } else { radius }, strength: 0.0 }
+            Region { center, radius: if spacetime.literal { radius.max(around(center)) } else { radius }, strength: 0.0, sharp: false }
         }
         Extent::Field { center, strength, scale } => {
             let center = center.as_vec3();
-            Region { center, radius: around(center).max((reach.radii() * scale) as f32), strength: strength as f32 }
+            Region { center, radius: around(center).max((reach.radii() * scale) as f32), strength: strength as f32, sharp: false }
         }
         Extent::Scenes(times) => {
             let center = spacetime.position.as_vec3();
-            Region { center, radius: around(center) * times as f32, strength: 0.0 }
+            Region { center, radius: around(center) * times as f32, strength: 0.0, sharp: true }
         }
     }
 }
@@ -71,7 +73,7 @@ pub(super) fn check_camera(world: &World, scene: &Scene) -> Result<()> {
     let (p, energy, frequency) = (functions.launch)((), &block, x, [0.0, 0.0, 1.0], 1.0, -1.0);
     let alive = (functions.capture_distance)((), &block, x, p, frequency, -1.0);
     let from_origin = (scene.camera.position - scene.spacetime.position).length();
-    let above_throat = from_origin > scene.spacetime.throat;
+    let above_throat = scene.spacetime.throat == 0.0 || from_origin > scene.spacetime.throat;
     if alive > 0.0 && above_throat && energy.is_finite() && p.iter().all(|c| c.is_finite()) {
         return Ok(());
     }

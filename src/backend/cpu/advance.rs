@@ -210,6 +210,7 @@ pub fn advance_curved<S: Simd, T: Scalar>(
     let integrate = integrate_kernel::<S, T>(course.kind);
     let medium = course.kind.class() == Class::Medium;
     let euler = scene.method == METHOD_EULER && medium;
+    let one_by_one = euler || matches!(scene.method, METHOD_SYMPLECTIC | METHOD_LEAPFROG);
     let mut lanes = Lanes::<T>::new();
     let mut next = 0;
     let mut live = 0u32;
@@ -227,7 +228,7 @@ pub fn advance_curved<S: Simd, T: Scalar>(
         if live == 0 {
             return;
         }
-        let captured = integrate(simd, course, &mut lanes);
+        let captured = if one_by_one { integrate_alone(course, &functions, &mut lanes) } else { integrate(simd, course, &mut lanes) };
         let masks = judge_lanes::<T::Register<S>, T>(simd, course, &mut lanes, live);
         let mut accepted = masks.accepted & live;
         let mut reached = 0;
@@ -241,6 +242,9 @@ pub fn advance_curved<S: Simd, T: Scalar>(
                     }
                 }
             }
+        }
+        if scene.region_sharp != 0 {
+            accepted &= !beyond_edge(course, &mut lanes, masks.outside & accepted);
         }
         for steps in &mut lanes.steps[..T::WIDTH] {
             *steps += 1;
@@ -335,6 +339,24 @@ fn land_on_surface<T: Scalar>(lanes: &Lanes<T>, i: usize, s: f32, hit: (Hit, Vec
     solo.length = solo.length + lanes.next.travelled[i] * s;
     solo.hit = Some(hit);
     solo
+}
+
+/// Shortens the steps of the lanes of `outside` that go past the region's edge, by the chord of the distances; returns those lanes.
+fn beyond_edge<T: Scalar>(course: &Course<T>, lanes: &mut Lanes<T>, outside: u32) -> u32 {
+    let center = region_center(course);
+    let radius = f64::from(course.scene.region_radius);
+    let distance = |v: &[Row<T>; 3], i: usize| (0..3).map(|a| (v[a][i] - center[a]).to_f64().powi(2)).sum::<f64>().sqrt();
+    let mut shortened = 0;
+    for i in (0..T::WIDTH).filter(|i| outside >> i & 1 == 1) {
+        let (before, after) = (distance(&lanes.x, i), distance(&lanes.next.x, i));
+        if before < radius && after > radius * (1.0 + EDGE_SLACK) {
+            // Aim a little past the edge, so that the next try ends there and not before.
+            let share = (radius * (1.0 + 0.5 * EDGE_SLACK) - before) / (after - before);
+            lanes.next.h[i] = lanes.h[i] * T::from_f64(share);
+            shortened |= 1 << i;
+        }
+    }
+    shortened
 }
 
 /// Where a step ends with respect to where the ray is to stop.
@@ -499,8 +521,9 @@ fn refill<S: Simd, T: Scalar>(
         let (v, a) = (functions.rate)((), model, solo.x, p, energy, ray.sense, zero);
         let flight = Flight { x: solo.x, p, v, a };
         let speed = dot(v, v).sqrt();
+        let safe = (functions.safe_step)((), model, solo.x);
         let h = if !fixed_step(scene, model) {
-            first_step((), &flight, (functions.safe_step)((), model, solo.x))
+            first_step((), &flight, safe)
         } else if scene.method == METHOD_RUNGE_KUTTA {
             model.step / speed
         } else {
@@ -513,6 +536,7 @@ fn refill<S: Simd, T: Scalar>(
             lanes.a[axis][i] = a[axis];
         }
         lanes.h[i] = h;
+        lanes.safe[i] = safe;
         lanes.parameter[i] = zero;
         lanes.energy[i] = energy;
         lanes.sense[i] = ray.sense;

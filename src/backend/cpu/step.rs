@@ -103,6 +103,8 @@ pub struct Lanes<T> {
     pub width: Row<T>,
     /// Growth of the cones.
     pub spread: Row<T>,
+    /// Coordinate lengths that the model allows the steps.
+    pub safe: Row<T>,
     /// Coordinate lengths so far.
     pub length: Row<T>,
     /// Signed distances from where the rays are to stop: negative before it.
@@ -175,6 +177,7 @@ impl<T: Scalar> Lanes<T> {
             frequency: one,
             width: one,
             spread: zero,
+            safe: one,
             length: zero,
             until: zero,
             next: Next {
@@ -216,6 +219,7 @@ impl<T: Scalar> Lanes<T> {
             }
             self.parameter[i] = if moves { self.parameter[i] + self.h[i] } else { self.parameter[i] };
             self.length[i] = if moves { self.length[i] + self.next.travelled[i] } else { self.length[i] };
+            self.safe[i] = if moves { self.next.safe[i] } else { self.safe[i] };
             self.h[i] = self.next.h[i];
         }
     }
@@ -235,20 +239,14 @@ fn integrate_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, cour
     let charge = Charge { energy: L::load(token, &lanes.energy), sense: L::load(token, &lanes.sense) };
     let h = L::load(token, &lanes.h);
     let parameter = L::load(token, &lanes.parameter);
-    let zero = L::constant(token, 0.0);
     let medium = matches!(M::KIND.class(), Class::Medium);
-    let (moved, error) = match scene.method {
-        METHOD_NYSTROM if medium => nystrom_step::<M, L>(token, model, &charge, &flight, h),
-        METHOD_EULER if medium => {
-            let kick = if scene.literal_kick == 1 { L::constant(token, 1.0) } else { h };
-            (euler_step::<M, L>(token, model, &charge, &flight, h, kick), zero)
-        }
-        METHOD_LEAPFROG if medium => (leapfrog_step::<M, L>(token, model, &charge, &flight, parameter, h), zero),
-        METHOD_SYMPLECTIC => (symplectic_step::<M, L>(token, model, &charge, &flight, parameter, h), zero),
-        _ => runge_kutta_step::<M, L>(token, model, &charge, &flight, parameter, h),
+    let (moved, error) = if scene.method == METHOD_NYSTROM && medium {
+        nystrom_step::<M, L>(token, model, &charge, &flight, h)
+    } else {
+        runge_kutta_step::<M, L>(token, model, &charge, &flight, parameter, h)
     };
     let frequency = L::load(token, &lanes.frequency);
-    let captured = M::capture_distance::<L>(token, model, moved.x, moved.p, frequency, charge.sense).lt(zero);
+    let captured = M::capture_distance::<L>(token, model, moved.x, moved.p, frequency, charge.sense).lt(L::constant(token, 0.0));
     let next = &mut lanes.next;
     M::safe_step::<L>(token, model, moved.x).store(&mut next.safe);
     error.store(&mut next.error);
@@ -261,6 +259,42 @@ fn integrate_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, cour
     L::bits(captured)
 }
 
+/// Steps every lane once by a method of fixed steps, one by one: these are there to be compared with, and a copy of each for every
+/// model and instruction set would cost more time to build than it saves.
+pub fn integrate_alone<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>, lanes: &mut Lanes<T>) -> u32 {
+    let (scene, model) = (course.scene, course.model);
+    let mut captured = 0;
+    for i in 0..T::WIDTH {
+        let (energy, sense, h, parameter) = (lanes.energy[i], lanes.sense[i], lanes.h[i], lanes.parameter[i]);
+        let at = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
+        let flight = Flight { x: at(&lanes.x), p: at(&lanes.p), v: at(&lanes.v), a: at(&lanes.a) };
+        let rate_at = |x: [T; 3], p: [T; 3], parameter: T| {
+            let (v, a) = (functions.rate)((), model, x, p, energy, sense, parameter);
+            Flight { x, p, v, a }
+        };
+        let moved = match scene.method {
+            METHOD_EULER => {
+                let kick = if scene.literal_kick == 1 { T::from_f64(1.0) } else { h };
+                euler_step((functions.index_gradient)((), model, flight.x, energy), &flight, h, kick)
+            }
+            METHOD_LEAPFROG => leapfrog_step((), rate_at, &flight, parameter, h),
+            _ => symplectic_step(rate_at, &flight, parameter, h),
+        };
+        let alive = (functions.capture_distance)((), model, moved.x, moved.p, lanes.frequency[i], sense);
+        captured |= u32::from(alive.to_f64() < 0.0) << i;
+        let next = &mut lanes.next;
+        next.safe[i] = (functions.safe_step)((), model, moved.x);
+        next.error[i] = T::from_f64(0.0);
+        for axis in 0..3 {
+            next.x[axis][i] = moved.x[axis];
+            next.p[axis][i] = moved.p[axis];
+            next.v[axis][i] = moved.v[axis];
+            next.a[axis][i] = moved.a[axis];
+        }
+    }
+    captured
+}
+
 /// Judges the step that was taken: whether its error will do, how long the next one may be, where it ends, and how much of it may meet
 /// geometry.
 #[inline(always)]
@@ -271,14 +305,15 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
     let flight = lanes.flight::<L>(token);
     let h = L::load(token, &lanes.h);
     let length = L::load(token, &lanes.length);
-    let next = &mut lanes.next;
+    let next = &lanes.next;
     let moved: Flight<L> =
         Flight { x: load3(token, &next.x), p: load3(token, &next.p), v: load3(token, &next.v), a: load3(token, &next.a) };
     let error = L::load(token, &next.error);
     let cone = L::load(token, &lanes.spread).mul_add(length, L::load(token, &lanes.width));
     let size = flight.x[0].max(-flight.x[0]).max(flight.x[1].max(-flight.x[1])).max(flight.x[2].max(-flight.x[2]));
     let floor = size * L::constant(token, T::TOLERANCE_FLOOR);
-    let tolerance = (cone * L::constant(token, f64::from(scene.tolerance))).max(floor);
+    let cap = L::load(token, &lanes.safe) * L::constant(token, SAFE_TOLERANCE);
+    let tolerance = (cone * L::constant(token, f64::from(scene.tolerance))).min(cap).max(floor);
     let good = error.lt(tolerance);
     let accepted = if fixed { u32::MAX } else { L::bits(good) };
 
@@ -314,6 +349,7 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
     };
     let curve = grid_curve(token, &course.view, flight.x, moved.x, tangent0, tangent1);
     let (from, to) = occupied_span(token, &course.view, &curve, live & accepted);
+    let next = &mut lanes.next;
     next_h.store(&mut next.h);
     travelled.store(&mut next.travelled);
     cone.store(&mut next.cone);
