@@ -132,6 +132,9 @@ fn compile_shader(kernel: &str, dialect: Dialect, model: &str, generated: &HashM
         spacetime::Class::Metric => Some(("METRIC", Some("1"))),
         spacetime::Class::Flow => None,
     }));
+    if kind.is_some_and(|k| k.moves_at_infinity()) {
+        defines.push(("MOVING_FRAME", Some("1")));
+    }
     if kind.is_some_and(|k| k.has_throat()) {
         defines.push(("THROAT", Some("1")));
     }

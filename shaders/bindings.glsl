@@ -113,7 +113,7 @@ const uint WORD_FLIGHT = 8;
 const uint WORD_LAUNCH = 12;
 const uint WORD_LENGTH = 13;
 const uint WORD_DIAGONAL = 14;
-const uint WORD_LOWER = 15;
+const uint WORD_MIXED = 15;
 const uint WORD_RATIO = 16;
 
 // Steps word of a ray that has not started: from the path's origin, or from the flight's own words.

@@ -78,7 +78,7 @@ void end_flight(uint slot, Ray ray, real3 d, Hit hit, Curve curve, uint status, 
     Charge charge = charge_of(ray);
     real3 direction = d;
     float redshift = 1.0, drift = 0.0, doppler = 1.0;
-    real3 diagonal = real3(1.0), lower = real3(0.0);
+    real3 diagonal = real3(1.0), mixed = real3(0.0);
     if (launched) {
         real3 seen, end = real3(position);
         real frequency, ignored, constraint_error;
@@ -86,12 +86,11 @@ void end_flight(uint slot, Ray ray, real3 d, Hit hit, Curve curve, uint status, 
         drift = abs(float(constraint_error));
         observe(found ? end : ray.x, p, charge.energy, charge.sense, ray.parameter, seen, frequency, ignored);
         bool escaped = status == STATUS_ESCAPED;
-#ifdef MEDIUM
-        bool asymptotic = true;
+#ifdef MOVING_FRAME
+        direction = seen;
 #else
-        bool asymptotic = SCENE.region_strength != 0.0;
+        direction = escaped ? d : seen;
 #endif
-        direction = escaped && asymptotic ? d : seen;
         redshift = abs(ray.clock) / float(escaped ? far_frequency(p, ray.energy) : frequency);
         vec3 velocity;
         if (found && matter_velocity(hit, position, velocity)) {
@@ -99,12 +98,12 @@ void end_flight(uint slot, Ray ray, real3 d, Hit hit, Curve curve, uint status, 
         }
 #ifdef METRIC
         if (found) {
-            frame(end, diagonal, lower);
+            frame(end, diagonal, mixed);
         }
 #endif
     }
     land(slot, Arrival(position, hit.primitive, vec3(direction), status, hit.u, hit.v, float(ray.len), redshift, ray.steps, ray.chords, drift,
-        vec3(diagonal), vec3(lower), doppler, ray.side));
+        vec3(diagonal), vec3(mixed), doppler, ray.side));
     if (push.tracing != 0) {
         ray.x = found ? real3(position) : ray.x;
         ray.p = direction;

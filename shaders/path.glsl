@@ -26,7 +26,7 @@ struct Arrival {
     uint chords;
     float constraint_error;
     vec3 frame_diagonal;
-    vec3 frame_lower;
+    vec3 frame_mixed;
     float doppler;
     uint side;
 };
@@ -68,9 +68,9 @@ vec3 black_body(float temperature) {
 #endif
 
 #ifdef KERNEL_SHADE
-vec3 local_normal(vec3 normal, Arrival arrival) {
-    vec3 d = arrival.frame_diagonal, l = arrival.frame_lower;
-    return normalize(vec3(d.x * normal.x + l.x * normal.y + l.y * normal.z, d.y * normal.y + l.z * normal.z, d.z * normal.z));
+vec3 local_normal(vec3 n, Arrival arrival) {
+    vec3 d = arrival.frame_diagonal, m = arrival.frame_mixed;
+    return normalize(vec3(d.x * n.x + m.x * n.y + m.y * n.z, m.x * n.x + d.y * n.y + m.z * n.z, m.y * n.x + m.z * n.y + d.z * n.z));
 }
 
 vec3 vertex_normal(uint index) {

@@ -27,10 +27,10 @@ Arrival load_arrival(uint slot) {
     vec4 surface = uintBitsToFloat(load_word(slot, WORD_SURFACE));
     uvec4 ledger = load_word(slot, WORD_LEDGER);
     uvec4 diagonal = load_word(slot, WORD_DIAGONAL);
-    uvec4 lower = load_word(slot, WORD_LOWER);
+    uvec4 mixed = load_word(slot, WORD_MIXED);
     return Arrival(uintBitsToFloat(position.xyz), position.w, uintBitsToFloat(travel.xyz), travel.w, surface.x, surface.y, surface.z,
-        surface.w, ledger.x, ledger.y, uintBitsToFloat(ledger.z), uintBitsToFloat(diagonal.xyz), uintBitsToFloat(lower.xyz),
-        uintBitsToFloat(diagonal.w), lower.w);
+        surface.w, ledger.x, ledger.y, uintBitsToFloat(ledger.z), uintBitsToFloat(diagonal.xyz), uintBitsToFloat(mixed.xyz),
+        uintBitsToFloat(diagonal.w), mixed.w);
 }
 
 void store_arrival(uint slot, Arrival arrival) {
@@ -40,7 +40,7 @@ void store_arrival(uint slot, Arrival arrival) {
     uint outer_media = load_word(slot, WORD_LEDGER).w;
     store_word(slot, WORD_LEDGER, uvec4(arrival.steps, arrival.chords, floatBitsToUint(arrival.constraint_error), outer_media));
     store_word(slot, WORD_DIAGONAL, arrival.frame_diagonal, arrival.doppler);
-    store_word(slot, WORD_LOWER, arrival.frame_lower, arrival.side);
+    store_word(slot, WORD_MIXED, arrival.frame_mixed, arrival.side);
 }
 
 Aov miss_aov(Arrival arrival) {

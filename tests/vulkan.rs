@@ -25,6 +25,7 @@ use nullray::kernels::sampling::*;
 use nullray::kernels::triangle::intersect_triangle;
 use nullray::kernels::view::SceneView;
 use std::fmt::Write;
+use support::tables::TABLES;
 use support::*;
 
 fn main() {
@@ -42,8 +43,8 @@ fn main() {
     let ignored = missing.is_some();
     let tests: [(&'static str, fn()); 9] = [
         ("kernel_functions_equal_their_twins", kernel_functions_equal_their_twins),
-        ("schwarzschild_rays_f32", schwarzschild_rays_f32),
-        ("schwarzschild_rays_f64", schwarzschild_rays_f64),
+        ("reference_tables_f32", reference_tables_f32),
+        ("reference_tables_f64", reference_tables_f64),
         ("thesis_rays", thesis_rays),
         ("films_agree_on_every_scene", films_agree_on_every_scene),
         ("films_agree_in_f64", films_agree_in_f64),
@@ -233,20 +234,16 @@ fn kernel_functions_equal_their_twins() {
     assert!(outputs[7][..2] != twin(0, &inputs[8])[..2]);
 }
 
-fn schwarzschild_rays_f32() {
-    let error = schwarzschild_error(&mut vulkan(), Precision::F32, 1e-5, 1e3);
-    println!("largest error / max(1, cond): {error:.2e}");
-    assert!(error < 1e-3, "{error:e}");
+fn reference_tables_f32() {
+    let mut backend = vulkan();
+    TABLES.iter().for_each(|t| t.check(&mut backend, Precision::F32));
 }
 
-fn schwarzschild_rays_f64() {
+fn reference_tables_f64() {
     let mut backend = vulkan();
-    if !backend.supports_f64() {
-        return;
+    if backend.supports_f64() {
+        TABLES.iter().for_each(|t| t.check(&mut backend, Precision::F64));
     }
-    let error = schwarzschild_error(&mut backend, Precision::F64, 1e-12, f64::INFINITY);
-    println!("largest error / max(1, cond): {error:.2e}");
-    assert!(error < 1e-8, "{error:e}");
 }
 
 fn thesis_rays() {

@@ -65,7 +65,8 @@ pub trait Model: Send + Sync + 'static {
         sense: L,
         parameter: L,
     ) -> ([L; 3], L, L);
-    /// Local frame of the Eulerian observer: L of gamma^ij = L L^T up to a factor, as its diagonal and (L10, L20, L21).
+    /// Local frame of the Eulerian observer: the symmetric root L of gamma^ij up to a factor, as (xx, yy, zz) and (xy, xz, yz). Of all
+    /// orthonormal frames it is the one turned least against the coordinate axes.
     fn frame<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3]) -> ([L; 3], [L; 3]);
     /// Frequency of an escaped ray for a distant static observer.
     fn far_frequency<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, momentum: [L; 3], energy: L) -> L;

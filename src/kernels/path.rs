@@ -69,8 +69,8 @@ pub struct Arrival {
     pub constraint_error: f32,
     /// Diagonal of the local frame L at a hit; see [`super::integrator::Model::frame`].
     pub frame_diagonal: Vec3,
-    /// L10, L20, L21.
-    pub frame_lower: Vec3,
+    /// Its entries xy, xz, yz.
+    pub frame_mixed: Vec3,
     /// Frequency at the end over that which orbiting matter there emits: 1 but for accretion discs.
     pub doppler: f32,
     /// Side of a wormhole the ray ended on.
@@ -125,11 +125,12 @@ fn vertex_uv(vertex: &Vertex) -> Vec2 {
     Vec2::from(vertex.uv)
 }
 
-/// A surface normal (a covector, not of unit length) as the local observer sees it: L^T n, normalised.
+/// A surface normal (a covector) as the local observer sees it: L n, normalised.
 #[inline(always)]
 pub fn local_normal(normal: Vec3, arrival: &Arrival) -> Vec3 {
-    let (d, l) = (arrival.frame_diagonal, arrival.frame_lower);
-    vec3(d.x * normal.x + l.x * normal.y + l.y * normal.z, d.y * normal.y + l.z * normal.z, d.z * normal.z).normalize()
+    let (d, m) = (arrival.frame_diagonal, arrival.frame_mixed);
+    let n = normal;
+    vec3(d.x * n.x + m.x * n.y + m.y * n.z, m.x * n.x + d.y * n.y + m.z * n.z, m.y * n.x + m.z * n.y + d.z * n.z).normalize()
 }
 
 /// Geometry at a hit.

@@ -10,8 +10,7 @@ pub fn spline_weights<T: Real>(f: T) -> ([T; 4], [T; 4]) {
     let (f2, g) = (f * f, c(1.0) - f);
     let f3 = f2 * f;
     let sixth = c(1.0 / 6.0);
-    let weights =
-        [g * g * g * sixth, (c(3.0) * f3 - c(6.0) * f2 + c(4.0)) * sixth, (c(3.0) * (f2 - f3 + f) + c(1.0)) * sixth, f3 * sixth];
+    let weights = [g * g * g * sixth, (c(3.0) * f3 - c(6.0) * f2 + c(4.0)) * sixth, (c(3.0) * (f2 - f3 + f) + c(1.0)) * sixth, f3 * sixth];
     let slopes = [c(-0.5) * g * g, c(1.5) * f2 - c(2.0) * f, f + c(0.5) - c(1.5) * f2, c(0.5) * f2];
     (weights, slopes)
 }

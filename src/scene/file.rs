@@ -286,7 +286,8 @@ impl SpacetimeTable {
             throat,
             throat_radius,
             throat_length,
-            lensing_width, mu
+            lensing_width,
+            mu
         );
         keys.into_iter().filter(|(key, _)| !allowed.contains(key)).find_map(|(key, span)| Some((key, span?)))
     }

@@ -7,7 +7,7 @@
 //! A photon followed into its future is captured at r = M + sqrt(M^2 - a^2 - Q^2). One followed into its past never crosses the
 //! horizon inward in this chart: it is captured when its frequency has grown a thousandfold, which happens there only.
 
-use super::{Metric, Scalar, Symmetric, Vec3, parameters};
+use super::{Dyadic, Metric, Scalar, Vec3, parameters};
 
 /// The rotating, charged hole.
 pub struct KerrNewman;
@@ -74,9 +74,9 @@ impl Metric for KerrNewman {
         l * share
     }
 
-    fn inverse_metric<S: Scalar>(hole: &SpinningHole<S>, x: Vec3<S>, _: [S; 3]) -> Symmetric<S> {
+    fn inverse_metric<S: Scalar>(hole: &SpinningHole<S>, x: Vec3<S>, _: [S; 3]) -> Dyadic<S> {
         let (share, _, l) = hole.kerr_schild(x);
-        Symmetric::from_dyad(S::constant(1.0), -share, l)
+        Dyadic { diagonal: S::constant(1.0), factor: -share, v: l }
     }
 
     fn coordinate_radius<S: Scalar>(hole: &SpinningHole<S>, x: Vec3<S>) -> S {

@@ -30,7 +30,7 @@ pub use gravity::{PowerGravity, ThesisGravity};
 pub use grin::{Fisheye, Layered, Luneburg, Radial, layer_values};
 pub use kerr::KerrNewman;
 pub use masses::{MajumdarPapapetrou, WeakLens};
-pub use scalar::{Scalar, Symmetric, Vec3};
+pub use scalar::{Dyadic, Scalar, Vec3};
 pub use schwarzschild::{ReissnerNordstrom, Schwarzschild};
 pub use wormhole::{Dneg, Ellis, LENSING_WIDTH};
 
@@ -143,8 +143,8 @@ pub trait Metric {
     }
 
     /// Inverse spatial metric gamma^ij.
-    fn inverse_metric<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>, _table: [S; 3]) -> Symmetric<S> {
-        Symmetric::from_dyad(S::constant(1.0), S::constant(0.0), Vec3::zero())
+    fn inverse_metric<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>, _table: [S; 3]) -> Dyadic<S> {
+        Dyadic::identity()
     }
 
     /// The model's own radial coordinate at `x`.
@@ -258,6 +258,11 @@ macro_rules! model_kind {
             /// Whether the model has two sides, joined at a throat.
             pub fn has_throat(self) -> bool {
                 matches!(self, ModelKind::Ellis | ModelKind::Dneg)
+            }
+
+            /// Whether the chart moves against observers at rest at infinity, so that directions there are not those of coordinates.
+            pub fn moves_at_infinity(self) -> bool {
+                self == ModelKind::Alcubierre
             }
 
             /// Numbers per source in the model's parameter block.

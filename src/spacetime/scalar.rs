@@ -107,37 +107,45 @@ impl<S: Scalar> Vec3<S> {
     }
 }
 
-/// A symmetric matrix: xx, xy, xz, yy, yz, zz.
+/// The symmetric matrix diagonal * identity + factor * v v^T: every spatial metric here has this form.
 #[derive(Clone, Copy, Debug)]
-pub struct Symmetric<S>(pub [S; 6]);
+pub struct Dyadic<S> {
+    /// Factor of the identity, positive.
+    pub diagonal: S,
+    /// Factor of v v^T.
+    pub factor: S,
+    /// The vector.
+    pub v: Vec3<S>,
+}
 
-impl<S: Scalar> Symmetric<S> {
-    /// diagonal * identity + factor * v v^T.
-    pub fn from_dyad(diagonal: S, factor: S, v: Vec3<S>) -> Self {
-        let scaled = v * factor;
-        Symmetric([
-            diagonal + scaled.0 * v.0,
-            scaled.0 * v.1,
-            scaled.0 * v.2,
-            diagonal + scaled.1 * v.1,
-            scaled.1 * v.2,
-            diagonal + scaled.2 * v.2,
-        ])
+impl<S: Scalar> Dyadic<S> {
+    /// The identity.
+    pub fn identity() -> Self {
+        Dyadic { diagonal: S::constant(1.0), factor: S::constant(0.0), v: Vec3::zero() }
     }
     /// Matrix times vector.
-    pub fn times(self, v: Vec3<S>) -> Vec3<S> {
-        let [xx, xy, xz, yy, yz, zz] = self.0;
-        Vec3(xx * v.0 + xy * v.1 + xz * v.2, xy * v.0 + yy * v.1 + yz * v.2, xz * v.0 + yz * v.1 + zz * v.2)
+    pub fn times(self, x: Vec3<S>) -> Vec3<S> {
+        x * self.diagonal + self.v * (self.factor * self.v.dot(x))
     }
-    /// Cholesky factor L of a positive definite matrix, L L^T = self: its diagonal, and (L10, L20, L21).
-    pub fn cholesky(self) -> (Vec3<S>, Vec3<S>) {
-        let [xx, xy, xz, yy, yz, zz] = self.0;
-        let l00 = xx.sqrt();
-        let (l10, l20) = (xy / l00, xz / l00);
-        let l11 = (yy - l10 * l10).sqrt();
-        let l21 = (yz - l20 * l10) / l11;
-        let l22 = (zz - l20 * l20 - l21 * l21).sqrt();
-        (Vec3(l00, l11, l22), Vec3(l10, l20, l21))
+    /// The symmetric root of a positive definite matrix.
+    pub fn root(self) -> Self {
+        let diagonal = self.diagonal.sqrt();
+        let along = (self.diagonal + self.factor * self.v.dot(self.v)).sqrt();
+        Dyadic { diagonal, factor: self.factor / (along + diagonal), v: self.v }
+    }
+    /// The inverse of a positive definite matrix.
+    pub fn inverse(self) -> Self {
+        let along = self.diagonal + self.factor * self.v.dot(self.v);
+        Dyadic { diagonal: S::constant(1.0) / self.diagonal, factor: -(self.factor / (self.diagonal * along)), v: self.v }
+    }
+    /// Its entries: xx, yy, zz, and xy, xz, yz.
+    pub fn entries(self) -> (Vec3<S>, Vec3<S>) {
+        let Vec3(x, y, z) = self.v;
+        let scaled = self.v * self.factor;
+        (
+            Vec3(self.diagonal + scaled.0 * x, self.diagonal + scaled.1 * y, self.diagonal + scaled.2 * z),
+            Vec3(scaled.0 * y, scaled.0 * z, scaled.1 * z),
+        )
     }
 }
 

@@ -5,7 +5,7 @@
 //! other side, in the same chart. Ellis' r^2 = l^2 + b^2 makes space conformally flat with index 1 + b^2 / (4 rho^2).
 //! James': r = b for |l| < a, else b + m (x atan x - ln(1 + x^2) / 2) with x = 2 (|l| - a) / (pi m); the lensing width is W = 1.42953 m.
 
-use super::{Medium, Metric, NoParameters, Scalar, Symmetric, Vec3, parameters};
+use super::{Dyadic, Medium, Metric, NoParameters, Scalar, Vec3, parameters};
 
 /// Ellis' wormhole.
 pub struct Ellis;
@@ -51,7 +51,7 @@ impl Medium for Ellis {
 impl Metric for Dneg {
     type Global<S: Scalar> = LongThroat<S>;
 
-    fn inverse_metric<S: Scalar>(throat: &LongThroat<S>, x: Vec3<S>, _: [S; 3]) -> Symmetric<S> {
+    fn inverse_metric<S: Scalar>(throat: &LongThroat<S>, x: Vec3<S>, _: [S; 3]) -> Dyadic<S> {
         let one = S::constant(1.0);
         let rho2 = x.dot(x);
         let rho = rho2.sqrt();
@@ -63,7 +63,7 @@ impl Metric for Dneg {
         let areal = throat.radius + throat.mass * rise;
         let across = rho2 / areal.square();
         let along = one / (one + inverted).square();
-        Symmetric::from_dyad(across, (along - across) / rho2, x)
+        Dyadic { diagonal: across, factor: (along - across) / rho2, v: x }
     }
 
     fn safe_step<S: Scalar>(throat: &LongThroat<S>, x: Vec3<S>) -> S {

@@ -1,6 +1,8 @@
 //! Helpers of the tests: reference tables, scenes from text, films of them.
 #![allow(dead_code, reason = "every test file uses a part")]
 
+pub mod tables;
+
 use nullray::backend::{Backend, Precision, Stop, TraceOptions, TraceRay};
 use nullray::film::Film;
 use nullray::scene::parse_scene;
@@ -77,35 +79,6 @@ pub fn film(backend: &mut dyn Backend, world: World, precision: Precision, spp: 
 
 pub fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum::<f64>().sqrt()
-}
-
-/// Rays of schw_rays.csv.
-pub fn schwarzschild_rays(rows: &[Row]) -> Vec<TraceRay> {
-    rows.iter().map(|r| TraceRay::looking(r.vector(["x0", "y0", "z0"]), r.vector(["dx", "dy", "dz"]))).collect()
-}
-
-/// Largest error over max(1, cond) of traced Schwarzschild rays; panics on a wrong outcome. Rows of a larger cond are left out.
-pub fn schwarzschild_error(backend: &mut dyn Backend, precision: Precision, tolerance: f64, max_cond: f64) -> f64 {
-    let rows = table("schw_rays");
-    backend.upload(Arc::new(world("[spacetime]\nkind = \"schwarzschild\"\n[integrator]\nmax_steps = 1000000")), precision, 0).unwrap();
-    let options = TraceOptions { tolerance, stop: Stop::Never, max_steps: None };
-    let results = backend.trace(&schwarzschild_rays(&rows), options).unwrap();
-    let mut worst: f64 = 0.0;
-    for (row, result) in rows.iter().zip(&results) {
-        let captured = row.text("outcome") == "captured";
-        // Captured rays and radial ones have no condition number.
-        let cond = row.text("dsweep_dalpha").parse().unwrap_or(1.0f64).abs();
-        if cond > max_cond {
-            continue;
-        }
-        let expected = if captured { 3 } else { 2 };
-        assert_eq!(result.status, expected, "r_obs {} alpha {}", row.text("r_obs"), row.text("alpha_in"));
-        if !captured {
-            let error = distance(result.direction, row.vector(["fx", "fy", "fz"])) / cond.max(1.0);
-            worst = worst.max(error);
-        }
-    }
-    worst
 }
 
 /// The scene of one row of a groeller table.

@@ -182,7 +182,7 @@ impl<T: Scalar> Solo<T> {
                 chords: self.chords,
                 constraint_error: observed.constraint_error,
                 frame_diagonal: observed.frame[0].into(),
-                frame_lower: observed.frame[1].into(),
+                frame_mixed: observed.frame[1].into(),
                 doppler: observed.doppler,
                 side: self.side,
             },
@@ -455,12 +455,11 @@ fn finish<T: Scalar>(
         0.0
     };
     let escaped = status == STATUS_ESCAPED;
-    let asymptotic = course.kind.class() == Class::Medium || course.scene.region_strength != 0.0;
     let end = if escaped { (functions.far_frequency)((), model, solo.p, energy) } else { frequency };
     let mut frame = [[1.0; 3], [0.0; 3]];
     if solo.hit.is_some() && course.kind.class() == Class::Metric {
-        let (diagonal, lower) = (functions.frame)((), model, x);
-        frame = [diagonal.map(Real::to_f32), lower.map(Real::to_f32)];
+        let (diagonal, mixed) = (functions.frame)((), model, x);
+        frame = [diagonal.map(Real::to_f32), mixed.map(Real::to_f32)];
     }
     let mut doppler = 1.0;
     if let Some((hit, position)) = solo.hit
@@ -471,8 +470,8 @@ fn finish<T: Scalar>(
         doppler = (frequency / emitted).to_f32();
     }
     let observed = Observed {
-        // An escaped ray may have its asymptotic direction already.
-        direction: if escaped && asymptotic { None } else { Some(direction) },
+        // An escaped ray has its asymptotic direction already, unless the chart moves.
+        direction: if escaped && !course.kind.moves_at_infinity() { None } else { Some(direction) },
         redshift: (lanes.frequency[i] / end).to_f32(),
         constraint_error: drift,
         frame,

@@ -236,7 +236,14 @@ impl<T: Advance> Shared<'_, T> {
         mut resolve: impl FnMut(usize, [f32; 3], Option<Aov>) -> bool,
     ) {
         let view = &self.view;
-        let mut course = Course { view: *view, scene: view.scene, model: self.model, kind: self.kind, stop: Stop::Never, drift: sample == self.first_sample };
+        let mut course = Course {
+            view: *view,
+            scene: view.scene,
+            model: self.model,
+            kind: self.kind,
+            stop: Stop::Never,
+            drift: sample == self.first_sample,
+        };
         let mut clock = StageClock::new();
         scratch.paths.clear();
         dispatch!(self.level, _simd => scratch.paths.extend(pixels.iter().map(#[inline(always)] |&(x, y)| start_path(view, x, y, sample))));

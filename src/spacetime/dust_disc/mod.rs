@@ -7,7 +7,7 @@
 
 pub mod solve;
 
-use super::{Metric, Scalar, Symmetric, Vec3, parameters};
+use super::{Dyadic, Metric, Scalar, Vec3, parameters};
 
 /// The disc of dust.
 pub struct DustDisc;
@@ -72,7 +72,7 @@ impl Metric for DustDisc {
         disc.axis().cross(x) * -omega
     }
 
-    fn inverse_metric<S: Scalar>(disc: &DustParameters<S>, x: Vec3<S>, table: [S; 3]) -> Symmetric<S> {
+    fn inverse_metric<S: Scalar>(disc: &DustParameters<S>, x: Vec3<S>, table: [S; 3]) -> Dyadic<S> {
         let one = S::constant(1.0);
         let (xi, _, rho2) = disc.spheroidal(x);
         let (nu, _, kappa) = disc.functions(xi, table);
@@ -84,7 +84,7 @@ impl Metric for DustDisc {
         let divisor = S::select_less(near, S::constant(1e-2), one, y);
         let share = S::select_less(near, S::constant(1e-2), series, (one - (-y).exp()) / divisor);
         let around = (nu * S::constant(2.0)).exp() * share * kappa * S::constant(2.0) / disc.radius.square();
-        Symmetric::from_dyad(meridional, around, disc.axis().cross(x))
+        Dyadic { diagonal: meridional, factor: around, v: disc.axis().cross(x) }
     }
 
     fn safe_step<S: Scalar>(disc: &DustParameters<S>, x: Vec3<S>) -> S {

@@ -6,7 +6,7 @@
 
 use super::emit::{Dialect, reads, statements};
 use super::{Expr, gradient};
-use crate::spacetime::{Flow, Medium, Metric, Parameters, Scalar, Vec3};
+use crate::spacetime::{Dyadic, Flow, Medium, Metric, Parameters, Scalar, Vec3};
 use std::fmt::Write;
 
 /// A function of the generated interface. Several results are `out` parameters in GLSL and a tuple in Rust.
@@ -119,7 +119,7 @@ impl ModelFormulas {
                     ("constraint_error", vec![p.length() / index - one]),
                 ],
             },
-            frame_function(Vec3(one, one, one), Vec3::zero()),
+            frame_function(Dyadic::identity().entries()),
             matter_function(one / (lapse * (one - index.square() * w.dot(w)).sqrt()), w),
             Function { name: "far_frequency", arguments: FAR, results: vec![("frequency", vec![one])] },
             Function {
@@ -150,26 +150,21 @@ impl ModelFormulas {
         let (x, q, d) = (vector(["x", "y", "z"]), vector(["px", "py", "pz"]), vector(["dx", "dy", "dz"]));
         let [energy, sense, frequency] = ["energy", "sense", "frequency"].map(Expr::input);
         let table = TABLE_ENTRIES.map(Expr::input);
-        let (lapse, shift, inverse) =
-            (M::lapse(&global, x, table), M::shift(&global, x, table), M::inverse_metric(&global, x, table));
+        let (lapse, shift, inverse) = (M::lapse(&global, x, table), M::shift(&global, x, table), M::inverse_metric(&global, x, table));
         let table_point = M::HAS_TABLE.then(|| M::table_point(&global, x));
 
         let measured = inverse.times(q).dot(q).sqrt();
         let hamiltonian = lapse * measured - sense * shift.dot(q);
         let [hx, hy, hz, vx, vy, vz] = gradient(hamiltonian, [x.0, x.1, x.2, q.0, q.1, q.2]);
         let [hx, hy, hz] = through_table(hamiltonian, table, table_point, x, [hx, hy, hz]);
-        let (diagonal, lower) = inverse.cholesky();
-        // L^T q in the local frame; its inverse turns a unit direction into a momentum of frequency 1.
-        let local = Vec3(diagonal.0 * q.0 + lower.0 * q.1 + lower.1 * q.2, diagonal.1 * q.1 + lower.2 * q.2, diagonal.2 * q.2);
-        let m2 = d.2 / diagonal.2;
-        let m1 = (d.1 - lower.2 * m2) / diagonal.1;
-        let launched = Vec3((d.0 - lower.0 * m1 - lower.1 * m2) / diagonal.0, m1, m2);
+        // L q in the local frame, L the symmetric root of gamma^ij; its inverse turns a unit direction into a momentum of frequency 1.
+        let root = inverse.root();
+        let local = root.times(q);
+        let launched = root.inverse().times(d);
         // Velocity of matter against the Eulerian observer, L^-1 (w + shift), in units of the lapse.
         let w = vector(["wx", "wy", "wz"]);
         let moved = w + shift;
-        let a0 = moved.0 / diagonal.0;
-        let a1 = (moved.1 - lower.0 * a0) / diagonal.1;
-        let against = Vec3(a0, a1, (moved.2 - lower.1 * a0 - lower.2 * a1) / diagonal.2);
+        let against = root.inverse().times(moved);
         let functions = vec![
             no_index_gradient(),
             radius_function(M::coordinate_radius(&global, x)),
@@ -192,7 +187,7 @@ impl ModelFormulas {
                     ("constraint_error", vec![(hamiltonian - energy) / measured]),
                 ],
             },
-            frame_function(diagonal, lower),
+            frame_function(root.entries()),
             matter_function(Expr::constant(1.0) / (lapse.square() - against.dot(against)).sqrt(), w),
             Function { name: "far_frequency", arguments: FAR, results: vec![("frequency", vec![M::far_frequency(q, energy)])] },
             Function {
@@ -226,7 +221,7 @@ impl ModelFormulas {
                 arguments: RATE,
                 results: vec![("direction", components(unit(velocity))), ("frequency", vec![one]), ("constraint_error", vec![zero])],
             },
-            frame_function(Vec3(one, one, one), Vec3::zero()),
+            frame_function(Dyadic::identity().entries()),
             Function { name: "matter_frequency", arguments: MATTER, results: vec![("frequency", vec![one])] },
             Function { name: "far_frequency", arguments: FAR, results: vec![("frequency", vec![one])] },
             Function { name: "capture_distance", arguments: CAPTURE, results: vec![("distance", vec![one])] },
@@ -373,7 +368,11 @@ impl ModelFormulas {
             );
             return;
         }
-        let _ = writeln!(out, "    real3 table_value, table_u, table_v;\n    table_lookup({}, {}, table_value, table_u, table_v);", at[0], at[1]);
+        let _ = writeln!(
+            out,
+            "    real3 table_value, table_u, table_v;\n    table_lookup({}, {}, table_value, table_u, table_v);",
+            at[0], at[1]
+        );
         for (names, vector) in [(TABLE_ENTRIES, "table_value"), (TABLE_BY_U, "table_u"), (TABLE_BY_V, "table_v")] {
             for (name, component) in names.iter().zip(["x", "y", "z"]) {
                 let _ = writeln!(out, "    real {name} = {vector}.{component};");
@@ -459,9 +458,9 @@ fn no_index_gradient() -> Function {
     Function { name: "index_gradient", arguments: GRADIENT, results: vec![("gradient", vec![Expr::constant(0.0); 3])] }
 }
 
-/// The Cholesky factor of gamma^ij: its diagonal, and (L10, L20, L21).
-fn frame_function(diagonal: Vec3<Expr>, lower: Vec3<Expr>) -> Function {
-    Function { name: "frame", arguments: FRAME, results: vec![("diagonal", components(diagonal)), ("lower", components(lower))] }
+/// The symmetric root of gamma^ij: xx, yy, zz, and xy, xz, yz.
+fn frame_function((diagonal, mixed): (Vec3<Expr>, Vec3<Expr>)) -> Function {
+    Function { name: "frame", arguments: FRAME, results: vec![("diagonal", components(diagonal)), ("mixed", components(mixed))] }
 }
 
 impl Function {
