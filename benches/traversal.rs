@@ -66,7 +66,7 @@ fn main() -> ExitCode {
 fn run() -> Result<(), String> {
     let mesh = Arc::new(displaced_scene());
     let mut scene = parse_scene(Path::new("traversal"), "", &[]).expect("an empty scene is valid");
-    scene.shapes.push(Shape { material: 0, geometry: Geometry::Mesh(mesh.clone()) });
+    scene.shapes.push(Shape { material: 0, side: 0, geometry: Geometry::Mesh(mesh.clone()) });
     let world = World::compile(&scene).expect("half a million triangles fit");
     let view = world.view();
     let level = Level::new();

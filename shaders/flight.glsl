@@ -180,6 +180,10 @@ void advance(uint slot) {
     if (launched) {
         safe = safe_step(ray.x);
         flight = rate_at(charge, ray.x, ray.p, ray.parameter);
+        if (ray.h == real(0.0)) {
+            mode = MODE_LEAVE;
+            d = normalize(flight.v);
+        }
         before = push.stop == STOP_NONE ? real(0.0) : stop_distance(ray.x, ray.len, ray.parameter);
     }
     Flight moved = flight;
@@ -224,7 +228,8 @@ void advance(uint slot) {
             if (accepted && push.stop != STOP_NONE) {
                 // A step beyond the stop is taken again, to where the chord of the distances says it is.
                 real after = stop_distance(moved.x, ray.len + piece, ray.parameter + ray.h);
-                real scale = max(max(real(max(size.x, max(size.y, size.z))), real(1.0)), abs(stop_value(push.stop == STOP_PLANE ? 3 : 0)));
+                vec3 there = abs(vec3(moved.x));
+                real scale = max(max(real(max(there.x, max(there.y, there.z))), real(1.0)), abs(stop_value(push.stop == STOP_PLANE ? 3 : 0)));
                 real slack = real(100.0) * TOLERANCE_FLOOR * scale;
                 bool armed = push.stop == STOP_PLANE ? abs(before) > slack : before < real(0.0);
                 if (euler && push.stop == STOP_LENGTH) {
@@ -361,10 +366,11 @@ void advance(uint slot) {
         }
     }
 
-    // Out of iterations: go on in the next round. A ray that is about to leave takes its last step again.
+    // Out of iterations: go on in the next round. A step length of 0 marks a ray that is about to leave.
     if (!launched) {
         ray.steps = FRESH;
     }
+    ray.h = mode == MODE_LEAVE ? real(0.0) : ray.h;
     store_ray(slot, ray);
     queue[queue_advance(1 - push.parity) + atomicAdd(counters[COUNT_NEXT], 1)] = slot;
 }

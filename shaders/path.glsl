@@ -177,10 +177,11 @@ bool matter_velocity(Hit hit, vec3 position, out vec3 velocity) {
         return false;
     }
     Primitive primitive = primitive_at(hit.primitive & CHILD_INDEX);
-    if (primitive.kind != PRIMITIVE_DISC) {
+    Material material = material_at(object_material(primitive.object));
+    if (material.kind != MATERIAL_ACCRETION) {
         return false;
     }
-    float omega = disc_profile(material_at(object_material(primitive.object)), hit.u).y;
+    float omega = disc_profile(material, hit.u).y;
     vec3 center = vec3(primitive.data[0], primitive.data[1], primitive.data[2]);
     velocity = cross(vec3(primitive.data[4], primitive.data[5], primitive.data[6]), position - center) * omega;
     return true;

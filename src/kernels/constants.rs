@@ -196,7 +196,7 @@ constants! {
         /// Largest error of a step as a share of the longest safe one: wide cones are no reason to lose the way.
         SAFE_TOLERANCE = 1e-2;
         /// How far beyond a sharp edge of the region a ray may end, as a share of its radius.
-        EDGE_SLACK = 1e-4;
+        EDGE_SLACK = 1e-5;
         /// First step, as a share of the local radius of curvature.
         FIRST_STEP = 0.3;
         /// How far inside the bending region a ray that enters it is put, as a share of the way to it.

@@ -275,11 +275,12 @@ pub fn matter_velocity(view: &SceneView, hit: &Hit, position: Vec3) -> Option<Ve
         return None;
     }
     let primitive = view.primitive(hit.primitive & CHILD_INDEX);
-    if primitive.kind != PRIMITIVE_DISC {
+    let material = view.material(primitive.object);
+    if material.kind != MATERIAL_ACCRETION {
         return None;
     }
     let d = &primitive.data;
-    let omega = disc_profile(view, view.material(primitive.object), hit.u).y;
+    let omega = disc_profile(view, material, hit.u).y;
     Some(vec3(d[4], d[5], d[6]).cross(position - vec3(d[0], d[1], d[2])) * omega)
 }
 
