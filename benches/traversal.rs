@@ -19,6 +19,7 @@ use nullray::world::World;
 use std::collections::HashMap;
 use std::ffi::{c_char, c_void};
 use std::fmt;
+use std::mem::ManuallyDrop;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -408,7 +409,8 @@ macro_rules! embree_functions {
         /// Functions of the library.
         struct Functions {
             $($field: unsafe extern "C" fn($($argument),*) $(-> $result)?,)*
-            _library: Library,
+            /// Never unloaded: its worker threads may still be running its code when the last scene is gone.
+            _library: ManuallyDrop<Library>,
         }
 
         impl Functions {
@@ -419,7 +421,7 @@ macro_rules! embree_functions {
                 unsafe {
                     let library = Library::new(LIBRARY).ok()?;
                     $(let $field = *library.get::<unsafe extern "C" fn($($argument),*) $(-> $result)?>($symbol).ok()?;)*
-                    Some(Functions { $($field,)* _library: library })
+                    Some(Functions { $($field,)* _library: ManuallyDrop::new(library) })
                 }
             }
         }

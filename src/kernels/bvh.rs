@@ -113,8 +113,8 @@ fn intersect_node<S: Simd>(simd: S, node: &BvhNode, ray: &SlabRay<S>, t_max: f32
     for axis in 0..3 {
         let entry = <f32x8<S> as Lane>::load(simd, &node.bounds[ray.near_plane[axis]]);
         let exit = <f32x8<S> as Lane>::load(simd, &node.bounds[ray.near_plane[axis] ^ 1]);
-        near = Lane::max(near, (entry - ray.near_origin[axis]) * ray.inverse[axis]);
-        far = Lane::min(far, (exit - ray.far_origin[axis]) * ray.inverse[axis]);
+        near = Lane::max(near, Lane::mul_add(entry, ray.inverse[axis], ray.near_offset[axis]));
+        far = Lane::min(far, Lane::mul_add(exit, ray.inverse[axis], ray.far_offset[axis]));
     }
     // Rounding must not lose a box that is grazed.
     let slack = <f32x8<S> as Lane>::splat(simd, 1.0 + 4.0 * f32::EPSILON);
@@ -127,10 +127,13 @@ fn intersect_node<S: Simd>(simd: S, node: &BvhNode, ray: &SlabRay<S>, t_max: f32
 }
 
 /// A chord prepared for slab tests against inflated boxes.
+///
+/// A plane is met at plane * inverse + offset: one operation where (plane - origin) * inverse takes two. The offsets are widened by
+/// their rounding error, so that no box is lost.
 struct SlabRay<S: Simd> {
     near_plane: [usize; 3],
-    near_origin: [f32x8<S>; 3],
-    far_origin: [f32x8<S>; 3],
+    near_offset: [f32x8<S>; 3],
+    far_offset: [f32x8<S>; 3],
     inverse: [f32x8<S>; 3],
 }
 
@@ -146,12 +149,13 @@ impl<S: Simd> SlabRay<S> {
             let forward = d >= 0.0;
             near_plane[axis] = 2 * axis + !forward as usize;
             let outward = if forward { inflation } else { -inflation };
-            near[axis] = origin[axis] + outward;
-            far[axis] = origin[axis] - outward;
             let size = d.abs().max(MIN_DIRECTION);
             inverse[axis] = 1.0 / if forward { size } else { -size };
+            let slack = 4.0 * f32::EPSILON * ((origin[axis].abs() + inflation) * inverse[axis]).abs();
+            near[axis] = -(origin[axis] + outward) * inverse[axis] - slack;
+            far[axis] = -(origin[axis] - outward) * inverse[axis] + slack;
         }
-        SlabRay { near_plane, near_origin: splat3(simd, near), far_origin: splat3(simd, far), inverse: splat3(simd, inverse) }
+        SlabRay { near_plane, near_offset: splat3(simd, near), far_offset: splat3(simd, far), inverse: splat3(simd, inverse) }
     }
 }
 

@@ -1,7 +1,7 @@
 //! A table of three functions over the unit square as a bicubic B-spline: part of the metric of models without a closed form.
 
 use super::constants::*;
-use crate::simd::{Lane, Real};
+use crate::simd::{Lane, MAX_LANES, Real};
 
 /// Weights of the four control points of a cubic B-spline at the fraction `f` of a cell, and their derivatives.
 #[inline(always)]
@@ -32,9 +32,6 @@ pub fn table_lookup<L: Lane>(token: L::Token, table: &[L::Real], u: L, v: L) -> 
     let three = |first: usize| [L::load(token, &lanes[first]), L::load(token, &lanes[first + 1]), L::load(token, &lanes[first + 2])];
     (three(0), three(3), three(6))
 }
-
-/// Most lanes of a register.
-const MAX_LANES: usize = 16;
 
 /// Values, derivatives by u and derivatives by v at one point.
 fn lookup_one<T: Real>(table: &[T], u: T, v: T) -> [T; 9] {

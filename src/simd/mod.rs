@@ -6,6 +6,9 @@
 use fearless_simd::{Select as _, Simd, SimdBase, SimdFloat, SimdMask, f32x8, f32x16, f64x8, mask32x8, mask32x16, mask64x8};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
+/// Most lanes of any register.
+pub const MAX_LANES: usize = 16;
+
 /// A vector of real numbers, or a single one.
 pub trait Lane: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self> {
     /// Type of one entry.

@@ -211,7 +211,7 @@ pub fn advance_curved<S: Simd, T: Scalar>(
     let medium = course.kind.class() == Class::Medium;
     let euler = scene.method == METHOD_EULER && medium;
     let one_by_one = euler || matches!(scene.method, METHOD_SYMPLECTIC | METHOD_LEAPFROG);
-    let mut lanes = Lanes::<T>::new();
+    let mut lanes = Lanes::<T>::idle();
     let mut next = 0;
     let mut live = 0u32;
     let stops = course.stop != Stop::Never;

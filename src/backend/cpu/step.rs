@@ -7,12 +7,9 @@ use crate::kernels::integrator::*;
 use crate::kernels::layout::SceneParameters;
 use crate::kernels::triangle::dot;
 use crate::kernels::view::SceneView;
-use crate::simd::{Lane, Real, load3, splat3};
+use crate::simd::{Lane, MAX_LANES, Real, load3, splat3};
 use crate::spacetime::{Class, ModelKind};
 use fearless_simd::{Simd, f32x16, f64x8};
-
-/// Most lanes of any register.
-pub const MAX_LANES: usize = 16;
 
 /// A real number that is also a lane of its own, for the parts of a ray that are handled alone.
 pub trait Scalar: Real + Lane<Real = Self, Mask = bool, Token = ()> {
@@ -162,7 +159,7 @@ pub struct Masks {
 
 impl<T: Scalar> Lanes<T> {
     /// Lanes without rays, far from everything.
-    pub fn new() -> Self {
+    pub fn idle() -> Self {
         let row = |value: f64| [T::from_f64(value); MAX_LANES];
         let (zero, one) = (row(0.0), row(1.0));
         Lanes {
