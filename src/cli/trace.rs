@@ -24,6 +24,8 @@ use std::time::Instant;
 
 /// Rays that are in memory at once.
 const CHUNK: usize = 262_144;
+/// Steps a traced ray is given at least.
+const MAX_STEPS: u32 = 100_000;
 /// Most rays whose paths are written.
 const MAX_PATHS: usize = 100_000;
 /// Most crossings of a plane that a ray is followed through.
@@ -185,7 +187,9 @@ pub fn run(args: &TraceArgs) -> Result<()> {
     // A handler that cannot be installed only costs the clean exit on Ctrl-C.
     let _ = ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed));
     eprintln!("nullray: {}, tolerance {tolerance:e}", backend.name());
-    let options = TraceOptions { tolerance, stop, max_steps: None };
+    // A film's budget of steps is too small for tolerances of traced rays.
+    let max_steps = Some(scene.integrator.max_steps.max(MAX_STEPS));
+    let options = TraceOptions { tolerance, stop, max_steps };
     let mut job = Job { class, options, backend, rays, cancel, tally: Tally::new() };
     let rows = |to: &Path| RowWriter { to: to.into(), path: args.output.clone(), crossings: matches!(stop, Stop::Plane(..)) };
     match args.paths.as_deref().zip(paths_format) {

@@ -105,7 +105,7 @@ impl Medium for Radial {
     }
 }
 
-/// Values of a [`Layer`], in its order: from one height to the next the index changes by `change`.
+/// Parameters of a layer, in their order: from one height to the next the index changes by `change`.
 pub fn layer_values(normal: [f64; 3], heights: [f64; 2], change: f64) -> [f64; 6] {
     [normal[0], normal[1], normal[2], heights[0], heights[1], change]
 }

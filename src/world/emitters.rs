@@ -4,7 +4,7 @@ use super::World;
 use super::bvh::{box_corners, primitive_bounds};
 use crate::kernels::constants::*;
 use crate::kernels::layout::Light;
-use crate::scene::{Environment, Geometry, Scene};
+use crate::scene::{Environment, Geometry, Scene, Shape};
 use crate::spacetime::thermal::black_body;
 use glam::Vec3;
 
@@ -111,7 +111,8 @@ pub(super) fn add(world: &mut World, scene: &Scene) {
         .iter()
         .all(|sky| sky.kind != ENVIRONMENT_IMAGE && [sky.color, sky.horizon, sky.nadir].iter().all(|c| luminance(*c) == 0.0));
     let textured_emission = scene.materials.iter().any(|m| m.textures[2].is_some() && luminance(m.emission) > 0.0);
-    let discs = scene.shapes.iter().any(|s| matches!(s.geometry, Geometry::AccretionDisc(_)));
+    let shines = |s: &Shape| luminance(scene.materials[s.material].emission) > 0.0;
+    let discs = scene.shapes.iter().any(|s| matches!(s.geometry, Geometry::Disc { .. } | Geometry::AccretionDisc(_)) && shines(s));
     world.dark = world.lights.is_empty() && sky_is_black && !textured_emission && !discs;
 }
 

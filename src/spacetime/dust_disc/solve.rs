@@ -20,8 +20,8 @@ pub const TABLE_SIZE: [usize; 2] = [96, 48];
 /// equatorial plane outside the disc. The spline gives three smooth functions (n, w, q), from which
 /// nu = n / sqrt(1 + xi^2), omega = w / (1 + xi^2)^{3/2}, alpha = rho^2 q / (1 + xi^2)^2 - nu.
 ///
-/// To evaluate: u = s (size[0] - 3), i = min(floor(u), size[0] - 4), f = u - i, the same with eta and size[1] for j and g; then
-/// sum over a, b in 0..4 of B_a(f) B_b(g) values[(i + a) size[1] + j + b], with B_0 = (1-f)^3 / 6, B_1 = (3 f^3 - 6 f^2 + 4) / 6,
+/// To evaluate, with `[m, n] = size`: u = s (m - 3), i = min(floor(u), m - 4), f = u - i, the same with eta and n for j and g; then
+/// sum over a, b in 0..4 of B_a(f) B_b(g) `values[(i + a) n + j + b]`, with B_0 = (1-f)^3 / 6, B_1 = (3 f^3 - 6 f^2 + 4) / 6,
 /// B_2 = (-3 f^3 + 3 f^2 + 3 f + 1) / 6, B_3 = f^3 / 6. The result has two continuous derivatives in s and eta.
 #[derive(Clone, Debug)]
 pub struct DustDisc {
