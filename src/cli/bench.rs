@@ -30,7 +30,7 @@ pub struct BenchArgs {
     /// Sizes, separated by commas
     #[arg(long, default_value = "1080p,720p,480p,240p")]
     sizes: String,
-    /// Non-linear form: A (gravity center) or B (Schwarzschild)
+    /// Non-linear form: A (gravity center), B (Schwarzschild) or C (Kerr)
     #[arg(long, default_value = "A")]
     form: String,
     /// Measured samples per row
@@ -82,7 +82,8 @@ fn form_overrides(form: &str) -> Result<Vec<String>> {
     let lines: &[&str] = match form {
         "A" => &["spacetime.kind=gravity", "spacetime.center=[{ position = [0.9, 2.0, 1.2], strength = 0.3, radius = 5 }]"],
         "B" => &["spacetime.kind=schwarzschild", "spacetime.mass=0.1", "spacetime.position=[0.9, 2.0, 1.2]"],
-        _ => return Err(Error::Usage { argument: format!("--form {form}"), reason: "expected A or B".into() }),
+        "C" => &["spacetime.kind=kerr", "spacetime.mass=0.1", "spacetime.spin=0.09", "spacetime.position=[0.9, 2.0, 1.2]"],
+        _ => return Err(Error::Usage { argument: format!("--form {form}"), reason: "expected A, B or C".into() }),
     };
     Ok(lines.iter().map(|s| s.to_string()).collect())
 }
