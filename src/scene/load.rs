@@ -480,15 +480,8 @@ impl Loader<'_> {
             emission: [table.brightness.map_or(1.0, |b| b.0) as f32; 3],
             ..Material::default()
         });
-        let disc = AccretionDisc {
-            center: scene.spacetime.position,
-            normal,
-            inner_radius,
-            outer_radius,
-            peak_temperature: table.peak_temperature.0,
-            brightness: table.brightness.map_or(1.0, |b| b.0),
-            opaque: table.opaque.unwrap_or(true),
-        };
+        let disc =
+            AccretionDisc { center: scene.spacetime.position, normal, inner_radius, outer_radius, opaque: table.opaque.unwrap_or(true) };
         Ok(Shape { material: scene.materials.len() - 1, side: 0, geometry: Geometry::AccretionDisc(disc) })
     }
 }

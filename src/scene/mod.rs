@@ -231,7 +231,7 @@ pub enum Geometry {
         /// Outer radius.
         outer_radius: f64,
     },
-    /// A disc of matter on circular orbits; its material is its own.
+    /// A disc of matter on circular orbits; its material, made for it, has its temperature.
     AccretionDisc(AccretionDisc),
     /// Triangles.
     Mesh(Arc<mesh::Mesh>),
@@ -248,10 +248,6 @@ pub struct AccretionDisc {
     pub inner_radius: f64,
     /// Outer circumferential radius.
     pub outer_radius: f64,
-    /// Temperature of its hottest ring (kelvin).
-    pub peak_temperature: f64,
-    /// Factor on its black-body radiance.
-    pub brightness: f64,
     /// Whether it hides what is behind it.
     pub opaque: bool,
 }
