@@ -2,6 +2,10 @@
 
 use super::constants::*;
 use crate::simd::{Lane, MAX_LANES, Real};
+use crate::spacetime::dust_disc::solve::TABLE_SIZE;
+
+// The solver, which the build script compiles too, cannot read the kernels' constants.
+const _: () = assert!(TABLE_SIZE[0] == TABLE_ROWS as usize && TABLE_SIZE[1] == TABLE_COLUMNS as usize);
 
 /// Weights of the four control points of a cubic B-spline at the fraction `f` of a cell, and their derivatives.
 #[inline(always)]
