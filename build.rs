@@ -18,8 +18,10 @@ use spacetime::expr::emit::Dialect;
 use spacetime::expr::model::ModelFormulas;
 
 /// Kernels that exist once, and the one that exists per model and precision.
-const SHARED_KERNELS: &[&str] = &["generate", "prepare", "shade", "escape", "resolve"];
+const SHARED_KERNELS: &[&str] = &["generate", "prepare", "shade", "escape", "resolve", "develop"];
 const MODEL_KERNEL: &str = "advance";
+/// Stages that draw a canvas over a window.
+const DRAWING_STAGES: &[(&str, ShaderStage)] = &[("present.vert", ShaderStage::Vertex), ("present.frag", ShaderStage::Fragment)];
 
 fn main() -> Result<(), Box<dyn Error>> {
     for path in ["build.rs", "shaders", "src/spacetime", "src/kernels/constants.rs"] {
@@ -57,21 +59,24 @@ fn main() -> Result<(), Box<dyn Error>> {
     for_each_model!(generate);
     std::fs::write(out.join("models.rs"), rust)?;
 
-    let mut table = String::from("/// SPIR-V of every kernel, by name.\npub static SPIRV: &[(&str, &[u8])] = &[\n");
-    let mut compile = |kernel: &str, name: &str, dialect: Dialect, model: &str| -> Result<(), Box<dyn Error>> {
-        let words = compile_shader(kernel, dialect, model, &includes)?;
+    let mut table = String::from("/// SPIR-V of every kernel and drawing stage, by name.\npub static SPIRV: &[(&str, &[u8])] = &[\n");
+    let mut compile = |file: &str, stage: ShaderStage, name: &str, dialect: Dialect, model: &str| -> Result<(), Box<dyn Error>> {
+        let words = compile_shader(file, stage, dialect, model, &includes)?;
         let bytes: Vec<u8> = words.iter().flat_map(|w| w.to_le_bytes()).collect();
         std::fs::write(out.join(format!("{name}.spv")), bytes)?;
         writeln!(table, "    ({name:?}, include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{name}.spv\"))),")?;
         Ok(())
     };
     for kernel in SHARED_KERNELS {
-        compile(kernel, kernel, Dialect::Glsl32, "flat")?;
+        compile(&format!("{kernel}.comp"), ShaderStage::Compute, kernel, Dialect::Glsl32, "flat")?;
+    }
+    for &(file, stage) in DRAWING_STAGES {
+        compile(file, stage, file, Dialect::Glsl32, "flat")?;
     }
     for model in spacetime::ModelKind::ALL {
         for dialect in [Dialect::Glsl32, Dialect::Glsl64] {
             let name = format!("{MODEL_KERNEL}_{}{}", model.stem(), suffix(dialect));
-            compile(MODEL_KERNEL, &name, dialect, model.stem())?;
+            compile(&format!("{MODEL_KERNEL}.comp"), ShaderStage::Compute, &name, dialect, model.stem())?;
         }
     }
     table.push_str("];\n");
@@ -116,8 +121,14 @@ impl IncludeHandler for Includes<'_> {
     }
 }
 
-fn compile_shader(kernel: &str, dialect: Dialect, model: &str, generated: &HashMap<String, String>) -> Result<Vec<u32>, Box<dyn Error>> {
-    let path = Path::new("shaders").join(format!("{kernel}.comp"));
+fn compile_shader(
+    file: &str,
+    stage: ShaderStage,
+    dialect: Dialect,
+    model: &str,
+    generated: &HashMap<String, String>,
+) -> Result<Vec<u32>, Box<dyn Error>> {
+    let path = Path::new("shaders").join(file);
     let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
     let mut defines: Vec<(&str, Option<&str>)> = vec![];
     if dialect == Dialect::Glsl64 {
@@ -147,8 +158,7 @@ fn compile_shader(kernel: &str, dialect: Dialect, model: &str, generated: &HashM
     let source = ShaderSource::from(text);
     let mut includes = Includes { generated, dialect, model };
     let describe = |e: glslang::error::GlslangError| format!("{} ({model}): {e}", path.display());
-    let input =
-        ShaderInput::new(&source, ShaderStage::Compute, &options, Some(defines.as_slice()), Some(&mut includes)).map_err(describe)?;
+    let input = ShaderInput::new(&source, stage, &options, Some(defines.as_slice()), Some(&mut includes)).map_err(describe)?;
     let shader = compiler.create_shader(input).map_err(describe)?;
     Ok(shader.compile().map_err(describe)?)
 }

@@ -15,6 +15,11 @@ uvec2 fixed_from_float(float value) {
     return uvec2(mantissa << shift, mantissa >> (32 - shift));
 }
 
+// The number a fixed-point sum stands for.
+float float_from_fixed(uvec2 sum) {
+    return ldexp(float(sum.y), 32 - int(FILM_FRACTION_BITS)) + ldexp(float(sum.x), -int(FILM_FRACTION_BITS));
+}
+
 void add_fixed(inout uvec2 sum, uvec2 value) {
     uint carry;
     sum.x = uaddCarry(sum.x, value.x, carry);

@@ -1,12 +1,15 @@
 //! The seam between what is rendered and what renders it.
 
 pub mod cpu;
+pub mod path;
 pub mod vulkan;
 
 use crate::error::Result;
 use crate::film::Film;
+pub use crate::film::{Channel, Development};
 use crate::kernels::constants::STATUS_ESCAPED;
 use crate::kernels::integrator::{ModelBlock, PointFunctions};
+use crate::kernels::layout::SceneParameters;
 use crate::simd::Real;
 use crate::spacetime::{Class, ModelKind};
 use crate::world::World;
@@ -14,6 +17,7 @@ pub use crate::world::{Stop, TraceOptions};
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
+pub use vulkan::canvas::Canvas;
 
 /// Precision of the curve integration. Geometry and shading are in single precision either way.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -195,11 +199,19 @@ pub trait Backend: Send {
     /// Takes a world and starts an empty film whose first sample will be `first_sample`.
     fn upload(&mut self, world: Arc<World>, precision: Precision, first_sample: u32) -> Result<()>;
 
+    /// Replaces everything of the uploaded world that is not an array (see [`World::parameters_for`]) and starts an empty film.
+    fn set_parameters(&mut self, parameters: &SceneParameters) -> Result<()>;
+
     /// Adds `samples` (indices) to every pixel of `rows`; returns when they are in the film.
     fn accumulate(&mut self, rows: Range<u32>, samples: Range<u32>) -> Result<()>;
 
     /// The film so far.
     fn film(&mut self) -> Result<Film>;
+
+    /// Develops the film so far into columns of a canvas of its size; pixels without samples are black.
+    ///
+    /// A canvas for Vulkan lies on the same device, one for the CPU is visible to the host.
+    fn develop(&mut self, development: &Development, canvas: &mut Canvas) -> Result<()>;
 
     /// Traces rays on their own through the uploaded world, in the precision it was uploaded for.
     fn trace(&mut self, rays: &[TraceRay], options: TraceOptions) -> Result<Vec<TraceResult>>;

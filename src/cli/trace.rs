@@ -7,9 +7,10 @@
 use super::trace_output::{PathsWriter, Progress, RowWriter, Tally, Traced, Vertex, through_temporary};
 use super::{BackendChoice, DeviceArgs};
 use crate::backend::cpu::CpuBackend;
+use crate::backend::path::trace_steps;
 use crate::backend::{Backend, Launch, Precision, Stop, TraceOptions, TraceRay, TraceResult};
 use crate::error::{Error, Result};
-use crate::kernels::constants::{STATUS_EXHAUSTED, STATUS_STOPPED};
+use crate::kernels::constants::STATUS_STOPPED;
 use crate::scene::{Scene, Spacetime, load_scene};
 use crate::spacetime::Class;
 use crate::world::World;
@@ -250,7 +251,7 @@ impl Job {
         let mut going: Vec<usize> = (0..rays.len()).collect();
         let mut legs = rays.to_vec();
         while !going.is_empty() {
-            self.check_cancelled()?;
+            check_cancelled(&self.cancel)?;
             let start = Instant::now();
             let ends = self.backend.trace(&legs, self.options)?;
             self.tally.tracing += start.elapsed();
@@ -282,41 +283,14 @@ impl Job {
 
     /// Hands every vertex behind the start of each ray to `push`: where it is after each of its steps, and its end.
     fn collect(&mut self, rays: &[TraceRay], ends: &[TraceResult], mut push: impl FnMut(usize, Vertex)) -> Result<()> {
-        let anchors = outermost(rays);
-        let mut going: Vec<usize> = (0..rays.len()).collect();
-        for steps in 1.. {
-            going.retain(|&i| ends[i].steps > steps);
-            if going.is_empty() {
-                break;
-            }
-            self.check_cancelled()?;
-            let batch: Vec<TraceRay> = going.iter().chain(&anchors).map(|&i| rays[i]).collect();
-            let stepped = self.backend.trace(&batch, TraceOptions { max_steps: Some(steps), ..self.options })?;
-            for (&i, at) in going.iter().zip(&stepped).filter(|(_, at)| at.status == STATUS_EXHAUSTED) {
-                push(i, Vertex::of(at));
-            }
-        }
-        for (i, end) in ends.iter().enumerate() {
-            push(i, Vertex::of(end));
-        }
-        Ok(())
-    }
-
-    fn check_cancelled(&self) -> Result<()> {
-        if self.cancel.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
+        let cancel = &self.cancel;
+        let go_on = || check_cancelled(cancel);
+        trace_steps(self.backend.as_mut(), rays, ends, self.options, 1, go_on, |i, at| push(i, Vertex::of(at)))
     }
 }
 
-/// Rays that start furthest out along each axis. The region that is integrated reaches around all rays that are traced together, so some
-/// of them with these are traced as all of them are.
-fn outermost(rays: &[TraceRay]) -> Vec<usize> {
-    let mut indices = Vec::new();
-    for axis in 0..3 {
-        let order = |a: &usize, b: &usize| rays[*a].origin[axis].total_cmp(&rays[*b].origin[axis]);
-        indices.extend((0..rays.len()).min_by(order));
-        indices.extend((0..rays.len()).max_by(order));
-    }
-    indices
+fn check_cancelled(cancel: &AtomicBool) -> Result<()> {
+    if cancel.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
 }
 
 /// Appends a vertex unless the line is there already, as it is after a step that was rejected.

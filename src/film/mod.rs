@@ -4,11 +4,13 @@
 //! whatever order, on however many threads, in one run or merged from several.
 
 pub mod compare;
+pub mod develop;
 mod exr;
 mod png;
 
+pub use develop::{Channel, Development};
 pub use exr::write_exr;
-pub use png::write_png;
+pub use png::{write_pixels, write_png};
 
 use crate::error::{Error, Result};
 use crate::kernels::constants::{FILM_FRACTION_BITS, MAX_MOMENT_LUMINANCE, MAX_RADIANCE};
@@ -98,6 +100,19 @@ impl Film {
             first_sample,
             statistics: Statistics::default(),
         }
+    }
+
+    /// Empties the film and gives it a size, in the memory it has if that is enough.
+    pub fn restart(&mut self, width: u32, height: u32) {
+        let pixels = width as usize * height as usize;
+        (self.width, self.height) = (width, height);
+        self.sums.clear();
+        self.sums.resize(pixels, [0; 4]);
+        self.counts.clear();
+        self.counts.resize(pixels, 0);
+        self.aovs.clear();
+        self.aovs.resize(pixels, Aov::default());
+        self.statistics = Statistics::default();
     }
 
     /// Mean radiance of pixel `i`; black without samples.

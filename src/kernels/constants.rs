@@ -127,6 +127,23 @@ constants! {
         MARCH_STEPS = 3;
         /// 2^24: the film's fixed-point unit is 2^-24.
         FILM_FRACTION_BITS = 24;
+
+        /// Values of a film that a picture may show.
+        CHANNEL_RADIANCE = 0;
+        CHANNEL_ALBEDO = 1;
+        CHANNEL_NORMAL = 2;
+        CHANNEL_DISTANCE = 3;
+        CHANNEL_REDSHIFT = 4;
+        CHANNEL_STEPS = 5;
+        CHANNEL_CHORDS = 6;
+        CHANNEL_STATUS = 7;
+        CHANNEL_CONSTRAINT_ERROR = 8;
+        CHANNEL_COST = 9;
+
+        /// Tone curves.
+        TONE_NONE = 0;
+        TONE_REINHARD = 1;
+        TONE_ACES = 2;
     }
     float {
         PI = std::f32::consts::PI;
@@ -165,6 +182,14 @@ constants! {
         FILTER_SIGMA = 0.45;
         /// Radius at which the Gaussian pixel filter is cut off, pixels.
         FILTER_RADIUS = 1.5;
+        /// Powers of two that the heat map of steps and of chords spans.
+        HEAT_OCTAVES = 12.0;
+        /// Powers of two below 1 that the heat map of the constraint error spans.
+        ERROR_OCTAVES = 24.0;
+        /// Powers of two of frequency at which the colours of red and blue shift are full.
+        SHIFT_OCTAVES = 2.0;
+        /// Distance that is shown half as bright as one of 0.
+        HALF_DISTANCE = 10.0;
     }
     real {
         /// Nodes and weights of RKN4(3)4FM (Dormand, El-Mikkawy and Prince 1987).

@@ -1,7 +1,7 @@
 //! From a scene file to a [`Scene`]: parse, apply overrides, resolve names and files, check what single values cannot tell.
 
+use super::assets::Assets;
 use super::file::*;
-use super::mesh::{self, Mesh};
 use super::texture::Image;
 use super::values::{Vector, color, numbers};
 use super::*;
@@ -22,27 +22,35 @@ const MAX_PIXELS: u64 = 1 << 28;
 /// `path` is the file, or `None` for the built-in scene; each of `overrides` is `key.path=value` in TOML syntax. Errors name
 /// the file with line and column, or the override.
 pub fn load_scene(path: Option<&Path>, overrides: &[String]) -> Result<Scene> {
-    let (path, text) = match path {
-        None => (PathBuf::from("built-in"), BUILT_IN.to_owned()),
-        Some(path) => {
-            let text = std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.into(), source })?;
-            if text.trim().is_empty() {
-                return Err(Error::Scene { path: path.into(), line: 1, column: 1, reason: "the file is empty, expected a scene".into() });
-            }
-            (path.to_owned(), text)
-        }
-    };
+    let (path, text) = read_scene(path)?;
     parse_scene(&path, &text, overrides)
+}
+
+/// The text of a scene file, or of the built-in scene, and what errors call it.
+pub fn read_scene(path: Option<&Path>) -> Result<(PathBuf, String)> {
+    let Some(path) = path else { return Ok((PathBuf::from("built-in"), BUILT_IN.to_owned())) };
+    let text = std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.into(), source })?;
+    if text.trim().is_empty() {
+        return Err(Error::Scene { path: path.into(), line: 1, column: 1, reason: "the file is empty, expected a scene".into() });
+    }
+    Ok((path.to_owned(), text))
 }
 
 /// Validates the text of a scene; files it names are relative to the folder of `path`.
 pub fn parse_scene(path: &Path, text: &str, overrides: &[String]) -> Result<Scene> {
-    let loader = Loader { path, text };
+    parse_scene_with(path, text, overrides, &mut Assets::default())
+}
+
+/// The same, for a text that is parsed again and again: files that did not change since are taken from `assets`.
+pub fn parse_scene_with(path: &Path, text: &str, overrides: &[String], assets: &mut Assets) -> Result<Scene> {
+    let mut loader = Loader { path, text, assets };
     let mut file: SceneFile = toml::from_str(text).map_err(|e| loader.error(e.span().unwrap_or_default(), one_line(e.message())))?;
     if !overrides.is_empty() {
         file = apply_overrides(text, overrides)?;
     }
-    loader.scene(&file)
+    let scene = loader.scene(&file)?;
+    assets.forget_unused();
+    Ok(scene)
 }
 
 fn one_line(message: &str) -> String {
@@ -105,6 +113,7 @@ fn set_in_table(table: &mut toml::Table, parts: &[&str], last: &str, value: toml
 struct Loader<'a> {
     path: &'a Path,
     text: &'a str,
+    assets: &'a mut Assets,
 }
 
 impl Loader<'_> {
@@ -119,7 +128,7 @@ impl Loader<'_> {
         self.path.parent().map_or_else(|| PathBuf::from(file), |folder| folder.join(file))
     }
 
-    fn scene(&self, file: &SceneFile) -> Result<Scene> {
+    fn scene(&mut self, file: &SceneFile) -> Result<Scene> {
         let spacetime = Spacetime::new(&file.spacetime).map_err(|(span, reason)| self.error(span, reason))?;
         let dark = Sky { environment: Environment::Constant([0.0; 3]), temperature: 0.0 };
         let mut scene = Scene {
@@ -235,7 +244,7 @@ impl Loader<'_> {
         })
     }
 
-    fn environment(&self, table: &EnvironmentTable, images: &mut Vec<Arc<Image>>) -> Result<Sky> {
+    fn environment(&mut self, table: &EnvironmentTable, images: &mut Vec<Arc<Image>>) -> Result<Sky> {
         let kind = match table.kind {
             EnvironmentKind::Constant => "a constant environment",
             EnvironmentKind::Gradient => "a gradient environment",
@@ -292,13 +301,14 @@ impl Loader<'_> {
         Ok(Sky { environment, temperature })
     }
 
-    fn image(&self, file: &Spanned<String>, data: bool, images: &mut Vec<Arc<Image>>) -> Result<usize> {
-        let image = Image::read(&self.relative(file.get_ref()), data).map_err(|e| self.error(file.span(), e.to_string()))?;
-        images.push(Arc::new(image));
+    fn image(&mut self, file: &Spanned<String>, data: bool, images: &mut Vec<Arc<Image>>) -> Result<usize> {
+        let path = self.relative(file.get_ref());
+        let image = self.assets.image(&path, data).map_err(|e| self.error(file.span(), e.to_string()))?;
+        images.push(image);
         Ok(images.len() - 1)
     }
 
-    fn material(&self, table: &MaterialTable, scene: &mut Scene) -> Result<Material> {
+    fn material(&mut self, table: &MaterialTable, scene: &mut Scene) -> Result<Material> {
         let name = table.name.get_ref();
         if scene.materials.iter().skip(1).any(|m| &m.name == name) {
             return Err(self.error(table.name.span(), format!("a second material named `{name}`")));
@@ -381,7 +391,7 @@ impl Loader<'_> {
             * DMat4::from_scale(scale.into()))
     }
 
-    fn shapes(&self, file: &SceneFile, scene: &mut Scene) -> Result<()> {
+    fn shapes(&mut self, file: &SceneFile, scene: &mut Scene) -> Result<()> {
         for s in &file.sphere {
             let geometry = Geometry::Sphere { center: numbers(s.center).into(), radius: s.radius.0 };
             let (material, side) = (self.material_index(&s.material, scene)?, self.side(&s.side, scene)?);
@@ -412,11 +422,11 @@ impl Loader<'_> {
                 None => None,
             };
             let side = self.side(&m.side, scene)?;
-            let parts = mesh::read_mesh(&self.relative(m.file.get_ref()), scene).map_err(|e| self.error(m.file.span(), e.to_string()))?;
-            for (mesh, own_material) in parts {
-                let mesh: Mesh = mesh.transformed(transform);
-                let material = override_material.unwrap_or(own_material);
-                scene.shapes.push(Shape { material, side, geometry: Geometry::Mesh(Arc::new(mesh)) });
+            let path = self.relative(m.file.get_ref());
+            let read = self.assets.mesh(&path).map_err(|e| self.error(m.file.span(), e.to_string()))?;
+            for (mesh, own_material) in read.add_to(scene) {
+                let geometry = Geometry::Mesh(Arc::new(mesh.clone().transformed(transform)));
+                scene.shapes.push(Shape { material: override_material.unwrap_or(own_material), side, geometry });
             }
         }
         for d in &file.disc {

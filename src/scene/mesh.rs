@@ -55,28 +55,51 @@ impl Mesh {
     }
 }
 
-/// Reads a mesh file; its materials and textures are appended to `scene`. Returns parts with one material each.
-pub fn read_mesh(path: &Path, scene: &mut Scene) -> Result<Vec<(Mesh, usize)>> {
+/// What a mesh file holds. Indices count within the file.
+#[derive(Clone, Debug, Default)]
+pub struct MeshFile {
+    /// Meshes with one material each, if they name one.
+    pub parts: Vec<(Mesh, Option<usize>)>,
+    /// Materials.
+    pub materials: Vec<Material>,
+    /// Textures.
+    pub images: Vec<Arc<Image>>,
+}
+
+impl MeshFile {
+    /// Appends the materials and textures to a scene; returns the meshes with the scene's index of their material.
+    pub fn add_to<'a>(&'a self, scene: &mut Scene) -> impl Iterator<Item = (&'a Mesh, usize)> + use<'a> {
+        let (first_material, first_image) = (scene.materials.len(), scene.images.len());
+        scene.images.extend(self.images.iter().cloned());
+        scene.materials.extend(
+            self.materials.iter().map(|m| Material { textures: m.textures.map(|t| t.map(|image| first_image + image)), ..m.clone() }),
+        );
+        self.parts.iter().map(move |(mesh, material)| (mesh, material.map_or(0, |i| first_material + i)))
+    }
+}
+
+/// Reads a mesh file with its materials and textures.
+pub fn read_mesh(path: &Path) -> Result<MeshFile> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    let parts = match extension.as_str() {
-        "obj" => read_obj(path, scene)?,
-        "gltf" | "glb" => read_gltf(path, scene)?,
+    let file = match extension.as_str() {
+        "obj" => read_obj(path)?,
+        "gltf" | "glb" => read_gltf(path)?,
         _ => return Err(Error::Asset { path: path.into(), reason: format!("a mesh of type `{extension}`, expected obj, gltf or glb") }),
     };
-    for (mesh, _) in &parts {
+    for (mesh, _) in &file.parts {
         mesh.check(path)?;
     }
-    if parts.iter().all(|(m, _)| m.indices.is_empty()) {
+    if file.parts.iter().all(|(m, _)| m.indices.is_empty()) {
         return Err(Error::Asset { path: path.into(), reason: "no faces, expected triangles or polygons".into() });
     }
-    Ok(parts)
+    Ok(file)
 }
 
 fn triples<T: Copy>(values: &[T]) -> Vec<[T; 3]> {
     values.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect()
 }
 
-fn read_obj(path: &Path, scene: &mut Scene) -> Result<Vec<(Mesh, usize)>> {
+fn read_obj(path: &Path) -> Result<MeshFile> {
     let file = std::fs::File::open(path).map_err(|source| Error::Io { path: path.into(), source })?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
@@ -94,15 +117,12 @@ fn read_obj(path: &Path, scene: &mut Scene) -> Result<Vec<(Mesh, usize)>> {
         return Err(asset(reason));
     }
     let materials = materials.map_err(|e| asset(format!("material library: {e}")))?;
-    let first = scene.materials.len();
+    let mut read = MeshFile::default();
     for m in &materials {
-        let material = mtl_material(m, folder, scene)?;
-        scene.materials.push(material);
+        read.materials.push(mtl_material(m, folder, &mut read.images)?);
     }
-    let mut parts = Vec::new();
     for model in models {
         let m = model.mesh;
-        let material = m.material_id.map_or(0, |i| first + i);
         let mesh = Mesh {
             positions: triples(&m.positions),
             normals: triples(&m.normals),
@@ -121,20 +141,20 @@ fn read_obj(path: &Path, scene: &mut Scene) -> Result<Vec<(Mesh, usize)>> {
                 mesh.positions.len()
             )));
         }
-        parts.push((mesh, material));
+        read.parts.push((mesh, m.material_id));
     }
-    Ok(parts)
+    Ok(read)
 }
 
 /// A material of an MTL library: Ke emits, illum 4, 6, 7 or d < 1 is glass, Pm or illum 3 is metal, the rest is diffuse.
-fn mtl_material(m: &tobj::Material, folder: &Path, scene: &mut Scene) -> Result<Material> {
+fn mtl_material(m: &tobj::Material, folder: &Path, images: &mut Vec<Arc<Image>>) -> Result<Material> {
     let parameter = |name: &str| m.unknown_param.get(name);
     let number = |name: &str| -> Option<f32> { parameter(name)?.split_whitespace().next()?.parse().ok() };
     let emission = m.emissive.unwrap_or([0.0; 3]).map(|c| c.clamp(0.0, 1e9));
     let mut texture = |name: Option<&String>, data| match name {
         Some(name) => {
-            scene.images.push(Arc::new(Image::read(&folder.join(name), data)?));
-            Ok(Some(scene.images.len() - 1))
+            images.push(Arc::new(Image::read(&folder.join(name), data)?));
+            Ok(Some(images.len() - 1))
         }
         None => Ok(None),
     };
@@ -164,23 +184,19 @@ fn mtl_material(m: &tobj::Material, folder: &Path, scene: &mut Scene) -> Result<
     })
 }
 
-fn read_gltf(path: &Path, scene: &mut Scene) -> Result<Vec<(Mesh, usize)>> {
+fn read_gltf(path: &Path) -> Result<MeshFile> {
     let asset = |reason: String| Error::Asset { path: path.into(), reason };
     let (document, buffers, images) = gltf::import(path).map_err(|e| asset(format!("not a mesh that can be read (glTF): {e}")))?;
-    let first_image = scene.images.len();
+    let mut read = MeshFile::default();
     for (i, image) in images.into_iter().enumerate() {
         // Roughness textures hold data, colours are sRGB.
         let data = document
             .materials()
             .any(|m| m.pbr_metallic_roughness().metallic_roughness_texture().is_some_and(|t| t.texture().source().index() == i));
         let decoded = gltf_image(image).ok_or_else(|| asset(format!("image {i} has a pixel format that is not supported")))?;
-        scene.images.push(Arc::new(Image::from_dynamic(&decoded, data)));
+        read.images.push(Arc::new(Image::from_dynamic(&decoded, data)));
     }
-    let first_material = scene.materials.len();
-    for m in document.materials() {
-        scene.materials.push(gltf_material(&m, first_image));
-    }
-    let mut parts = Vec::new();
+    read.materials.extend(document.materials().map(|m| gltf_material(&m)));
     let root = document.default_scene().or_else(|| document.scenes().next()).ok_or_else(|| asset("no scene".into()))?;
     let mut todo: Vec<(gltf::Node, DMat4)> = root.nodes().map(|n| (n, DMat4::IDENTITY)).collect();
     while let Some((node, parent)) = todo.pop() {
@@ -207,11 +223,10 @@ fn read_gltf(path: &Path, scene: &mut Scene) -> Result<Vec<(Mesh, usize)>> {
             }
             let mesh = Mesh { positions, normals, uvs, indices: triples(&flat) };
             mesh.check(path)?;
-            let material = primitive.material().index().map_or(0, |i| first_material + i);
-            parts.push((mesh.transformed(world), material));
+            read.parts.push((mesh.transformed(world), primitive.material().index()));
         }
     }
-    Ok(parts)
+    Ok(read)
 }
 
 fn gltf_image(image: gltf::image::Data) -> Option<image::DynamicImage> {
@@ -226,11 +241,11 @@ fn gltf_image(image: gltf::image::Data) -> Option<image::DynamicImage> {
     })
 }
 
-fn gltf_material(m: &gltf::Material, first_image: usize) -> Material {
+fn gltf_material(m: &gltf::Material) -> Material {
     let pbr = m.pbr_metallic_roughness();
     let [r, g, b, _] = pbr.base_color_factor();
     let emission = m.emissive_factor();
-    let image = |t: Option<gltf::texture::Info>| t.map(|t| first_image + t.texture().source().index());
+    let image = |t: Option<gltf::texture::Info>| t.map(|t| t.texture().source().index());
     let kind = if pbr.metallic_factor() >= 0.5 { MaterialKind::Metallic } else { MaterialKind::Diffuse };
     Material {
         name: m.name().unwrap_or("glTF material").to_owned(),

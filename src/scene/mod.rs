@@ -1,5 +1,6 @@
 //! What the user describes: a scene file, its meshes and textures, read and validated.
 
+mod assets;
 pub mod file;
 mod load;
 pub mod mesh;
@@ -7,8 +8,9 @@ pub mod spacetime;
 pub mod texture;
 pub mod values;
 
+pub use assets::Assets;
 pub use file::{CameraKind, Filter, Form, Law, Method, ToneMap};
-pub use load::{load_scene, parse_scene};
+pub use load::{load_scene, parse_scene, parse_scene_with, read_scene};
 pub use spacetime::{Extent, Hole, Spacetime};
 
 use glam::{DMat4, DVec3};

@@ -133,6 +133,33 @@ impl World {
         Ok(world)
     }
 
+    /// The parameters for another camera, another film or other tolerances of the same scene; the arrays stay, and with them the
+    /// skies, the lights and the method of integration. Fails where no ray can start.
+    pub fn parameters_for(&self, scene: &Scene) -> Result<SceneParameters> {
+        let (width, height) = (scene.film.width, scene.film.height);
+        if width == 0 || height == 0 {
+            return Err(Error::World(format!("a film of {width} x {height} pixels, expected at least one")));
+        }
+        region::check_camera(self, scene)?;
+        let own = &self.scene;
+        let mut parameters = SceneParameters {
+            far_root: own.far_root,
+            environment: own.environment,
+            grid_min: own.grid_min,
+            grid_inverse_cell: own.grid_inverse_cell,
+            grid_size: own.grid_size,
+            origin_offset: own.origin_offset,
+            method: own.method,
+            literal_kick: own.literal_kick,
+            local_frames: own.local_frames,
+            light_count: own.light_count,
+            light_share: own.light_share,
+            ..scene_parameters(scene)
+        };
+        parameters.set_region(&region::of(&self.spacetime, self.bounds, scene.camera.position.as_vec3()));
+        Ok(parameters)
+    }
+
     /// The arrays, borrowed.
     pub fn view(&self) -> SceneView<'_> {
         SceneView {

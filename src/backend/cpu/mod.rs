@@ -3,7 +3,9 @@
 pub mod advance;
 pub mod step;
 
-use super::{Backend, KernelTiming, Precision, Prepared, RawLanding, Stop, TraceOptions, TraceRay, TraceResult, Tracer, widen};
+use super::{
+    Backend, Canvas, Development, KernelTiming, Precision, Prepared, RawLanding, Stop, TraceOptions, TraceRay, TraceResult, Tracer, widen,
+};
 use crate::dispatch;
 use crate::error::{Error, Result};
 use crate::film::{Film, PixelSum, Statistics, add_sample};
@@ -38,6 +40,8 @@ pub struct CpuBackend {
     pool: rayon::ThreadPool,
     level: Level,
     world: Option<Arc<World>>,
+    /// In place of those of the world.
+    parameters: SceneParameters,
     models: (ModelBlock<f32>, ModelBlock<f64>),
     precision: Precision,
     film: Film,
@@ -89,6 +93,7 @@ impl CpuBackend {
             pool,
             level: Level::new(),
             world: None,
+            parameters: bytemuck::Zeroable::zeroed(),
             models: Default::default(),
             precision: Precision::F32,
             film: Film::new(0, 0, 0),
@@ -107,7 +112,7 @@ impl CpuBackend {
         let band = BATCH_ROWS * width;
         let span = rows.start as usize * width..rows.end as usize * width;
         let shared = Shared {
-            view: world.view(),
+            view: SceneView { scene: &self.parameters, ..world.view() },
             kind: world.model,
             model: T::model(&self.models),
             level: self.level,
@@ -358,7 +363,15 @@ impl Backend for CpuBackend {
         self.film = Film::new(world.scene.film_width, world.scene.film_height, first_sample);
         self.models = (world.model_block(), world.model_block());
         self.precision = precision;
+        self.parameters = world.scene;
         self.world = Some(world);
+        Ok(())
+    }
+
+    fn set_parameters(&mut self, parameters: &SceneParameters) -> Result<()> {
+        self.world()?;
+        self.parameters = *parameters;
+        self.film.restart(parameters.film_width, parameters.film_height);
         Ok(())
     }
 
@@ -371,6 +384,13 @@ impl Backend for CpuBackend {
 
     fn film(&mut self) -> Result<Film> {
         Ok(self.film.clone())
+    }
+
+    fn develop(&mut self, development: &Development, canvas: &mut Canvas) -> Result<()> {
+        canvas.expect_size(self.film.width, self.film.height)?;
+        let pixels = canvas.pixels_mut()?;
+        self.pool.install(|| self.film.develop(development, pixels));
+        Ok(())
     }
 
     fn trace(&mut self, rays: &[TraceRay], options: TraceOptions) -> Result<Vec<TraceResult>> {

@@ -160,6 +160,12 @@ impl Commands {
         unsafe { self.device.raw.cmd_fill_buffer(self.buffer, buffer.raw, 0, vk::WHOLE_SIZE, 0) };
     }
 
+    /// Records zeroing the first `size` bytes of a buffer, a multiple of 4.
+    pub fn clear_start(&self, buffer: &Buffer, size: u64) {
+        // SAFETY: callers keep the size inside the buffer, which lives until the submission has been waited for.
+        unsafe { self.device.raw.cmd_fill_buffer(self.buffer, buffer.raw, 0, size, 0) };
+    }
+
     /// Submits the recording, waits for it, and adds up its timestamps.
     pub fn submit(&mut self) -> Result<()> {
         let lost = |call: &'static str, kernel: &str| {
@@ -173,7 +179,7 @@ impl Commands {
         // SAFETY: the recording is complete; nothing it uses is freed before the fence has signalled.
         unsafe {
             d.end_command_buffer(self.buffer).map_err(vulkan("vkEndCommandBuffer"))?;
-            d.queue_submit(self.device.queue, &info, self.fence).map_err(lost("vkQueueSubmit", &self.in_flight))?;
+            d.queue_submit(*self.device.queue(), &info, self.fence).map_err(lost("vkQueueSubmit", &self.in_flight))?;
             d.wait_for_fences(&fences, true, u64::MAX).map_err(lost("vkWaitForFences", &self.in_flight))?;
             d.reset_fences(&fences).map_err(vulkan("vkResetFences"))?;
         }
@@ -210,7 +216,7 @@ impl Drop for Commands {
         // SAFETY: every submission is waited for in `submit`; after a failed wait the queue is drained here.
         unsafe {
             let d = &self.device.raw;
-            let _ = d.queue_wait_idle(self.device.queue);
+            let _ = d.queue_wait_idle(*self.device.queue());
             d.destroy_query_pool(self.queries, None);
             d.destroy_fence(self.fence, None);
             d.destroy_command_pool(self.pool, None);

@@ -1,8 +1,9 @@
 //! Choice of a physical device, the logical device and its queue and allocator.
 
 use super::instance::{Instance, vulkan};
+use super::swapchain::Surface;
 use crate::error::{Error, Result};
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use std::ffi::CString;
 use std::mem::ManuallyDrop;
@@ -31,7 +32,7 @@ pub struct DeviceReport {
     pub max_storage_buffer_range: u32,
     /// Memory of the device's own heaps in bytes.
     pub memory: u64,
-    handle: vk::PhysicalDevice,
+    pub(super) handle: vk::PhysicalDevice,
     queue_family: u32,
     timestamp_period: f32,
 }
@@ -42,6 +43,11 @@ impl DeviceReport {
         self.kind == "cpu"
     }
 
+    /// What it lacks, in words.
+    fn lacks(&self) -> String {
+        format!("{} lacks {}", self.name, self.missing.join(", "))
+    }
+
     fn rank(&self) -> usize {
         ["discrete", "integrated", "virtual", "cpu"].iter().position(|k| *k == self.kind).unwrap_or(4)
     }
@@ -49,14 +55,19 @@ impl DeviceReport {
 
 /// Describes every physical device.
 pub fn enumerate(instance: &Instance) -> Result<Vec<DeviceReport>> {
-    // SAFETY: the instance is alive.
-    let handles = unsafe { instance.raw.enumerate_physical_devices() }.map_err(vulkan("vkEnumeratePhysicalDevices"))?;
-    Ok(handles.into_iter().enumerate().map(|(i, h)| describe(instance, i, h)).collect())
+    describe_all(instance, None)
 }
 
-fn describe(instance: &Instance, index: usize, handle: vk::PhysicalDevice) -> DeviceReport {
+/// Describes every physical device; drawing to a `surface` is one more thing to ask of it.
+fn describe_all(instance: &Instance, surface: Option<&Surface>) -> Result<Vec<DeviceReport>> {
+    // SAFETY: the instance is alive.
+    let handles = unsafe { instance.raw.enumerate_physical_devices() }.map_err(vulkan("vkEnumeratePhysicalDevices"))?;
+    Ok(handles.into_iter().enumerate().map(|(i, h)| describe(instance, i, h, surface)).collect())
+}
+
+fn describe(instance: &Instance, index: usize, handle: vk::PhysicalDevice, surface: Option<&Surface>) -> DeviceReport {
     // SAFETY: `handle` comes from this instance; the feature structures live through the calls.
-    let (properties, families, memory, v12, v13, core) = unsafe {
+    let (properties, families, memory, v12, (synchronization2, dynamic_rendering), core) = unsafe {
         let properties = instance.raw.get_physical_device_properties(handle);
         let families = instance.raw.get_physical_device_queue_family_properties(handle);
         let memory = instance.raw.get_physical_device_memory_properties(handle);
@@ -71,9 +82,14 @@ fn describe(instance: &Instance, index: usize, handle: vk::PhysicalDevice) -> De
         }
         instance.raw.get_physical_device_features2(handle, &mut features);
         let core = features.features;
-        (properties, families, memory, v12.buffer_device_address, v13.synchronization2, core)
+        let of_1_3 = (v13.synchronization2 == vk::TRUE, v13.dynamic_rendering == vk::TRUE);
+        (properties, families, memory, v12.buffer_device_address, of_1_3, core)
     };
-    let family = families.iter().position(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE));
+    let serves = |family: usize, flags: vk::QueueFlags| match surface {
+        None => flags.contains(vk::QueueFlags::COMPUTE),
+        Some(surface) => flags.contains(vk::QueueFlags::COMPUTE | vk::QueueFlags::GRAPHICS) && surface.is_served_by(handle, family as u32),
+    };
+    let family = families.iter().enumerate().position(|(i, f)| serves(i, f.queue_flags));
     let mut missing = vec![];
     if properties.api_version < vk::API_VERSION_1_2 {
         missing.push("Vulkan 1.2");
@@ -81,8 +97,14 @@ fn describe(instance: &Instance, index: usize, handle: vk::PhysicalDevice) -> De
     if v12 == vk::FALSE {
         missing.push("bufferDeviceAddress");
     }
+    if surface.is_some() && !(synchronization2 && dynamic_rendering) {
+        missing.push("dynamic rendering of Vulkan 1.3");
+    }
+    if surface.is_some() && !has_swapchains(instance, handle) {
+        missing.push("VK_KHR_swapchain");
+    }
     if family.is_none() {
-        missing.push("a compute queue");
+        missing.push(if surface.is_some() { "a queue that draws to the window" } else { "a compute queue" });
     }
     let version = properties.api_version;
     DeviceReport {
@@ -98,7 +120,7 @@ fn describe(instance: &Instance, index: usize, handle: vk::PhysicalDevice) -> De
         api_version: (vk::api_version_major(version), vk::api_version_minor(version), vk::api_version_patch(version)),
         missing,
         float64: core.shader_float64 == vk::TRUE,
-        synchronization2: v13 == vk::TRUE,
+        synchronization2,
         timestamps: family.is_some_and(|f| families[f].timestamp_valid_bits > 0) && properties.limits.timestamp_period > 0.0,
         max_storage_buffer_range: properties.limits.max_storage_buffer_range,
         memory: memory.memory_heaps_as_slice().iter().filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL)).map(|h| h.size).sum(),
@@ -106,6 +128,12 @@ fn describe(instance: &Instance, index: usize, handle: vk::PhysicalDevice) -> De
         queue_family: family.unwrap_or(0) as u32,
         timestamp_period: properties.limits.timestamp_period,
     }
+}
+
+fn has_swapchains(instance: &Instance, handle: vk::PhysicalDevice) -> bool {
+    // SAFETY: `handle` comes from this instance.
+    let extensions = unsafe { instance.raw.enumerate_device_extension_properties(handle) }.unwrap_or_default();
+    extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(khr::swapchain::NAME))
 }
 
 /// The device `wanted` names by number or part of its name, or the best one.
@@ -121,50 +149,56 @@ fn choose(mut devices: Vec<DeviceReport>, wanted: Option<&str>) -> Result<Device
             argument: format!("--device {wanted}"),
             reason: format!("no such Vulkan device, expected one of: {}", known.join(", ")),
         })?;
-        return if found.missing.is_empty() {
-            Ok(found)
-        } else {
-            Err(Error::NoDevice { missing: format!("{} lacks {}", found.name, found.missing.join(", ")) })
-        };
+        return if found.missing.is_empty() { Ok(found) } else { Err(Error::NoDevice { missing: found.lacks() }) };
     }
-    let all = devices.len();
+    let lacking: Vec<String> = devices.iter().map(DeviceReport::lacks).collect();
     devices.retain(|d| d.missing.is_empty());
-    devices.into_iter().min_by_key(DeviceReport::rank).ok_or_else(|| Error::NoDevice {
-        missing: if all == 0 {
-            "no driver is installed".into()
-        } else {
-            "none has Vulkan 1.2 with bufferDeviceAddress (see `nullray devices`)".into()
-        },
-    })
+    devices
+        .into_iter()
+        .min_by_key(DeviceReport::rank)
+        .ok_or_else(|| Error::NoDevice { missing: if lacking.is_empty() { "no driver is installed".into() } else { lacking.join("; ") } })
 }
 
-/// A logical device with one queue.
+/// A logical device with one queue, which several threads may use.
 pub struct Device {
     /// Device functions.
     pub raw: ash::Device,
     /// What it is.
     pub report: DeviceReport,
-    /// The compute queue.
-    pub queue: vk::Queue,
+    queue: Mutex<vk::Queue>,
     /// Family of the queue.
     pub queue_family: u32,
     /// Nanoseconds per timestamp tick.
     pub timestamp_period: f32,
     names: Option<ext::debug_utils::Device>,
     allocator: ManuallyDrop<Mutex<Allocator>>,
-    _instance: Arc<Instance>,
+    pub(super) instance: Arc<Instance>,
 }
 
 impl Device {
     /// Opens a device, chosen as `--device` says.
     pub fn new(instance: Arc<Instance>, wanted: Option<&str>) -> Result<Arc<Device>> {
         let report = choose(enumerate(&instance)?, wanted)?;
+        Device::open(instance, report, false)
+    }
+
+    /// Opens a device that draws to a surface of the same instance.
+    pub fn for_surface(instance: Arc<Instance>, surface: &Surface, wanted: Option<&str>) -> Result<Arc<Device>> {
+        let report = choose(describe_all(&instance, Some(surface))?, wanted)?;
+        Device::open(instance, report, true)
+    }
+
+    fn open(instance: Arc<Instance>, report: DeviceReport, draws: bool) -> Result<Arc<Device>> {
         let priorities = [1.0];
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(report.queue_family).queue_priorities(&priorities)];
         let core = vk::PhysicalDeviceFeatures::default().shader_float64(report.float64);
         let mut v12 = vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true);
-        let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true);
+        let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).dynamic_rendering(draws);
+        let extensions = [khr::swapchain::NAME.as_ptr()];
         let mut info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&core).push_next(&mut v12);
+        if draws {
+            info = info.enabled_extension_names(&extensions);
+        }
         if report.synchronization2 {
             info = info.push_next(&mut v13);
         }
@@ -183,15 +217,20 @@ impl Device {
         // SAFETY: the device was created with one queue of this family.
         let queue = unsafe { raw.get_device_queue(report.queue_family, 0) };
         Ok(Arc::new(Device {
-            queue,
+            queue: Mutex::new(queue),
             queue_family: report.queue_family,
             timestamp_period: report.timestamp_period,
             raw,
             report,
             names,
             allocator: ManuallyDrop::new(Mutex::new(allocator)),
-            _instance: instance,
+            instance,
         }))
+    }
+
+    /// The queue, for one submission or presentation: threads take turns, so it is never kept while waiting for a fence.
+    pub fn queue(&self) -> MutexGuard<'_, vk::Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The memory allocator.

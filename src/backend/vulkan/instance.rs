@@ -2,8 +2,9 @@
 
 use crate::error::{Error, Result};
 use ash::{ext, vk};
-use std::ffi::{CStr, CString};
+use std::ffi::{CStr, CString, c_char};
 use std::sync::atomic::{AtomicU64, Ordering};
+use winit::raw_window_handle::RawDisplayHandle;
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
@@ -24,13 +25,24 @@ pub struct Instance {
     /// The instance's functions.
     pub raw: ash::Instance,
     debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    // Unloads the library; must outlive everything above.
-    _entry: ash::Entry,
+    /// The loader. Unloads the library; must outlive everything above.
+    pub(super) entry: ash::Entry,
 }
 
 impl Instance {
-    /// Loads the Vulkan library and creates an instance.
+    /// Loads the Vulkan library and creates an instance, which needs no display.
     pub fn new() -> Result<Instance> {
+        Instance::create(&[])
+    }
+
+    /// An instance that can draw to the windows of a display.
+    pub fn for_display(display: RawDisplayHandle) -> Result<Instance> {
+        let extensions = ash_window::enumerate_required_extensions(display)
+            .map_err(|_| Error::NoDevice { missing: "Vulkan does not draw to this kind of window".into() })?;
+        Instance::create(extensions)
+    }
+
+    fn create(surface_extensions: &[*const c_char]) -> Result<Instance> {
         let no_device = |missing: String| Error::NoDevice { missing };
         // SAFETY: the loader library has no requirements beyond being a Vulkan loader.
         let entry = unsafe { ash::Entry::load() }.map_err(|_| no_device("the Vulkan loader (libvulkan.so.1) is not installed".into()))?;
@@ -38,7 +50,7 @@ impl Instance {
         let app_name = CString::from(c"nullray");
         let app = vk::ApplicationInfo::default().application_name(&app_name).api_version(vk::API_VERSION_1_3);
         let mut layers = vec![];
-        let mut extensions = vec![];
+        let mut extensions = surface_extensions.to_vec();
         if validate {
             // SAFETY: `entry` is a loaded Vulkan library.
             let available = unsafe { entry.enumerate_instance_layer_properties() }.map_err(vulkan("vkEnumerateInstanceLayerProperties"))?;
@@ -55,10 +67,10 @@ impl Instance {
         if validate {
             info = info.push_next(&mut features);
         }
-        // SAFETY: `info` and everything it points to lives until the call returns.
+        // SAFETY: `info` and everything it points to lives until the call returns; the names of extensions are constants.
         let raw = unsafe { entry.create_instance(&info, None) }.map_err(|e| no_device(format!("no instance: {e}")))?;
         let debug = if validate { Some(messenger(&entry, &raw)?) } else { None };
-        Ok(Instance { raw, debug, _entry: entry })
+        Ok(Instance { raw, debug, entry })
     }
 
     /// Whether validation is on, and with it object names.

@@ -5,28 +5,34 @@
 //! the film. Batches are sized by measured time, so that a submission stays near 100 ms.
 
 pub mod buffer;
+pub mod canvas;
 pub mod command;
 pub mod device;
+mod film;
 pub mod instance;
+mod overlay;
 pub mod pipeline;
+pub mod presenter;
 mod scene;
+pub mod swapchain;
 mod trace;
 
-use super::{Backend, KernelTiming, Precision, TraceOptions, TraceRay, TraceResult};
+use super::{Backend, Canvas, Development, KernelTiming, Precision, TraceOptions, TraceRay, TraceResult};
 use crate::error::{Error, Result};
 use crate::film::{Film, Statistics};
 use crate::kernels::constants::*;
-use crate::kernels::layout::Aov;
+use crate::kernels::layout::SceneParameters;
 use crate::spacetime::ModelKind;
 use crate::world::World;
 use buffer::Buffer;
 use bytemuck::{Pod, Zeroable};
 use command::Commands;
 use device::Device;
+use film::DeviceFilm;
 use gpu_allocator::MemoryLocation;
 use instance::Instance;
 use pipeline::{Layout, Pipeline, kernel_spirv};
-use scene::{DeviceScene, download};
+use scene::DeviceScene;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -75,20 +81,19 @@ struct Kernels {
     shade: Pipeline,
     escape: Pipeline,
     resolve: Pipeline,
+    develop: Pipeline,
 }
 
 /// A world on the device and its film.
 struct Loaded {
     world: Arc<World>,
+    /// In place of those of the world.
+    parameters: SceneParameters,
     precision: Precision,
     kernels: Kernels,
     scene: DeviceScene,
-    sums: Buffer,
-    aovs: Buffer,
-    first_sample: u32,
-    counts: Vec<u32>,
-    statistics: Statistics,
-    snapshot: Film,
+    film: DeviceFilm,
+    snapshot: Option<Film>,
     snapshot_at: Instant,
 }
 
@@ -115,7 +120,11 @@ struct Counts {
 impl VulkanBackend {
     /// Opens the best device, or the one `wanted` names by number or part of its name.
     pub fn new(wanted: Option<&str>) -> Result<VulkanBackend> {
-        let device = Device::new(Arc::new(Instance::new()?), wanted)?;
+        VulkanBackend::on_device(Device::new(Arc::new(Instance::new()?), wanted)?)
+    }
+
+    /// Renders on a device that others use too.
+    pub fn on_device(device: Arc<Device>) -> Result<VulkanBackend> {
         let layout = Layout::new(&device, 3, size_of::<Push>() as u32)?;
         let by_range = u64::from(device.report.max_storage_buffer_range) / (PATH_WORDS * 16);
         let by_memory = device.report.memory / 4 / (PATH_WORDS * 16);
@@ -170,15 +179,16 @@ impl VulkanBackend {
             shade: self.kernel("shade")?,
             escape: self.kernel("escape")?,
             resolve: self.kernel("resolve")?,
+            develop: self.kernel("develop")?,
         })
     }
 
     fn push(&self, loaded: &Loaded) -> Push {
         Push {
             scene: loaded.scene.address(),
-            sums: loaded.sums.address(),
-            aovs: loaded.aovs.address(),
-            aov_sample: loaded.first_sample,
+            sums: loaded.film.sums.address(),
+            aovs: loaded.film.aovs.address(),
+            aov_sample: loaded.film.first_sample,
             capacity: self.capacity,
             ..Zeroable::zeroed()
         }
@@ -187,8 +197,8 @@ impl VulkanBackend {
     /// Renders one batch: as many rows and samples as `push` says.
     fn run_batch(&mut self, loaded: &mut Loaded, mut push: Push) -> Result<()> {
         let groups = push.slot_count.div_ceil(WORKGROUP_SIZE);
-        let pixels = push.row_count * loaded.world.scene.film_width;
-        let mut rounds = loaded.world.scene.max_depth + 1;
+        let pixels = push.row_count * loaded.parameters.film_width;
+        let mut rounds = loaded.parameters.max_depth + 1;
         let mut first = true;
         let mut started = 0;
         loop {
@@ -210,7 +220,7 @@ impl VulkanBackend {
             self.commands.dispatch(&self.layout, &loaded.kernels.resolve, bytemuck::bytes_of(&push), pixels.div_ceil(WORKGROUP_SIZE));
             let counts = self.finish_submission()?;
             if counts.remaining == 0 {
-                loaded.statistics.add(counts.statistics);
+                loaded.film.statistics.add(counts.statistics);
                 return Ok(());
             }
             first = false;
@@ -256,7 +266,7 @@ impl VulkanBackend {
     }
 
     fn accumulate_in(&mut self, loaded: &mut Loaded, rows: Range<u32>, samples: Range<u32>) -> Result<()> {
-        let width = loaded.world.scene.film_width;
+        let width = loaded.parameters.film_width;
         let mut row = rows.start;
         while row < rows.end {
             let row_count = (self.slots / width).clamp(1, rows.end - row).min((self.capacity / width).max(1));
@@ -277,28 +287,14 @@ impl VulkanBackend {
                 self.slots = (wanted as u32).clamp(width.min(self.capacity), self.capacity);
                 sample += per_pixel;
             }
-            let span = (row * width) as usize..((row + row_count) * width) as usize;
-            loaded.counts[span].iter_mut().for_each(|c| *c += samples.len() as u32);
+            loaded.film.count(row..row + row_count, samples.len() as u32);
             row += row_count;
         }
         if loaded.snapshot_at.elapsed() > SNAPSHOT_INTERVAL {
-            loaded.snapshot = self.read_film(loaded)?;
+            loaded.snapshot = Some(loaded.film.read(&mut self.commands, &mut self.readback)?);
             loaded.snapshot_at = Instant::now();
         }
         Ok(())
-    }
-
-    fn read_film(&mut self, loaded: &Loaded) -> Result<Film> {
-        let scene = &loaded.world.scene;
-        let mut film = Film::new(scene.film_width, scene.film_height, loaded.first_sample);
-        let pixels = film.sums.len() as u64;
-        let sums = download(&mut self.commands, &mut self.readback, &loaded.sums, 0, pixels * 32)?;
-        bytemuck::cast_slice_mut::<_, u8>(&mut film.sums).copy_from_slice(&sums);
-        let aovs = download(&mut self.commands, &mut self.readback, &loaded.aovs, 0, pixels * size_of::<Aov>() as u64)?;
-        bytemuck::cast_slice_mut::<_, u8>(&mut film.aovs).copy_from_slice(&aovs);
-        film.counts.clone_from(&loaded.counts);
-        film.statistics = loaded.statistics;
-        Ok(film)
     }
 }
 
@@ -319,32 +315,36 @@ impl Backend for VulkanBackend {
                 missing: format!("{} has no shaderFloat64, which --precision f64 needs", self.device.report.name),
             });
         }
-        let kernels = self.kernels(world.model, precision)?;
-        self.loaded = None;
+        let (mut kernels, mut film) = (None, None);
+        if let Some(old) = self.loaded.take() {
+            // What fits the new world as well is kept: a viewer uploads one world after another.
+            if (old.world.model, old.precision) == (world.model, precision) {
+                kernels = Some(old.kernels);
+            }
+            film = Some(old.film);
+        }
+        let kernels = match kernels {
+            Some(kernels) => kernels,
+            None => self.kernels(world.model, precision)?,
+        };
         let scene = DeviceScene::new(&self.device, &mut self.commands, &world, precision)?;
-        let (width, height) = (world.scene.film_width, world.scene.film_height);
-        let film = Film::new(width, height, first_sample);
-        let pixels = film.sums.len() as u64;
-        let sums = Buffer::new(&self.device, "film sums", pixels * 32, MemoryLocation::GpuOnly)?;
-        let aovs = Buffer::new(&self.device, "film aovs", pixels * size_of::<Aov>() as u64, MemoryLocation::GpuOnly)?;
-        self.commands.begin()?;
-        self.commands.clear(&sums);
-        self.commands.clear(&aovs);
-        self.commands.barrier();
-        self.commands.submit()?;
-        self.loaded = Some(Loaded {
-            world,
-            precision,
-            kernels,
-            scene,
-            sums,
-            aovs,
-            first_sample,
-            counts: vec![0; pixels as usize],
-            statistics: Statistics::default(),
-            snapshot: film,
-            snapshot_at: Instant::now(),
-        });
+        let mut film = match film {
+            Some(film) => film,
+            None => DeviceFilm::new(&self.device)?,
+        };
+        film.first_sample = first_sample;
+        film.restart(&mut self.commands, world.scene.film_width, world.scene.film_height)?;
+        self.loaded =
+            Some(Loaded { parameters: world.scene, world, precision, kernels, scene, film, snapshot: None, snapshot_at: Instant::now() });
+        Ok(())
+    }
+
+    fn set_parameters(&mut self, parameters: &SceneParameters) -> Result<()> {
+        let loaded = self.loaded.as_mut().ok_or_else(nothing_loaded)?;
+        loaded.film.restart(&mut self.commands, parameters.film_width, parameters.film_height)?;
+        loaded.scene.set_parameters(&mut self.commands, parameters)?;
+        loaded.parameters = *parameters;
+        (loaded.snapshot, loaded.snapshot_at) = (None, Instant::now());
         Ok(())
     }
 
@@ -356,13 +356,16 @@ impl Backend for VulkanBackend {
     }
 
     fn film(&mut self) -> Result<Film> {
-        let loaded = self.take_loaded()?;
-        let outcome = match self.read_film(&loaded) {
-            Err(Error::DeviceLost { .. }) => Ok(loaded.snapshot.clone()),
+        let loaded = self.loaded.as_ref().ok_or_else(nothing_loaded)?;
+        match loaded.film.read(&mut self.commands, &mut self.readback) {
+            Err(Error::DeviceLost { .. }) => Ok(loaded.snapshot.clone().unwrap_or_else(|| loaded.film.empty())),
             film => film,
-        };
-        self.loaded = Some(loaded);
-        outcome
+        }
+    }
+
+    fn develop(&mut self, development: &Development, canvas: &mut Canvas) -> Result<()> {
+        let loaded = self.loaded.as_mut().ok_or_else(nothing_loaded)?;
+        loaded.film.develop(&mut self.commands, &self.layout, &loaded.kernels.develop, development, canvas)
     }
 
     fn trace(&mut self, rays: &[TraceRay], options: TraceOptions) -> Result<Vec<TraceResult>> {
@@ -380,6 +383,10 @@ impl Backend for VulkanBackend {
 
 impl VulkanBackend {
     fn take_loaded(&mut self) -> Result<Loaded> {
-        self.loaded.take().ok_or_else(|| Error::World("no scene was uploaded".into()))
+        self.loaded.take().ok_or_else(nothing_loaded)
     }
+}
+
+fn nothing_loaded() -> Error {
+    Error::World("no scene was uploaded".into())
 }

@@ -50,7 +50,7 @@ impl VulkanBackend {
         if model != world.model {
             loaded.kernels.advance = self.kernel(&advance_name(world.model, loaded.precision))?;
         }
-        loaded.scene.set_parameters(&mut self.commands, &world.scene)?;
+        loaded.scene.set_parameters(&mut self.commands, &loaded.parameters)?;
         Ok(results)
     }
 

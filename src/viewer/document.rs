@@ -1,0 +1,227 @@
+//! The scene as a TOML document that can be edited: comments and order survive, the text is what is parsed and saved.
+//!
+//! Keys are those of `--set`: names and indices from 0 joined by dots, such as `spacetime.center.0.strength`. The index after the last
+//! entry of a list appends to it.
+
+use crate::error::{Error, Result};
+use crate::film::write_atomically;
+use crate::scene::{Assets, Scene, parse_scene_with, read_scene};
+use std::path::{Path, PathBuf};
+use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value};
+
+/// A scene file in the making.
+#[derive(Clone, Debug)]
+pub struct Document {
+    /// Where it was read from or saved to; the built-in scene has no file.
+    path: Option<PathBuf>,
+    /// Assignments of the command line, which are made again whenever the file is read.
+    overrides: Vec<String>,
+    toml: DocumentMut,
+}
+
+impl Document {
+    /// Reads a scene file, or the built-in scene, and makes the assignments `key.path=value`.
+    pub fn open(path: Option<&Path>, overrides: &[String]) -> Result<Document> {
+        let (name, text) = read_scene(path)?;
+        let toml: DocumentMut = text.parse().map_err(|e: toml_edit::TomlError| {
+            let before = &text[..e.span().map_or(0, |s| s.start.min(text.len()))];
+            let line = before.matches('\n').count() + 1;
+            let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
+            Error::Scene { path: name.clone(), line, column, reason: e.message().replace('\n', ", ") }
+        })?;
+        let mut document = Document { path: path.map(Path::to_owned), overrides: overrides.to_vec(), toml };
+        for assignment in overrides {
+            let fail = |reason: &str| Error::Override { assignment: assignment.clone(), reason: reason.into() };
+            let (key, value) = assignment.split_once('=').ok_or_else(|| fail("expected key.path=value"))?;
+            let value = parse_value(value.trim()).ok_or_else(|| fail("expected a value in TOML syntax"))?;
+            document.set(key.trim(), value)?;
+        }
+        Ok(document)
+    }
+
+    /// Reads its file again, with the same assignments.
+    pub fn reread(&self) -> Result<Document> {
+        Document::open(self.path.as_deref(), &self.overrides)
+    }
+
+    /// Its file, if it has one.
+    pub fn path(&self) -> Option<&Path> {
+        self.path.as_deref()
+    }
+
+    /// What errors and files beside it are named after.
+    pub fn name(&self) -> PathBuf {
+        self.path.clone().unwrap_or_else(|| "built-in".into())
+    }
+
+    /// The text of the scene file.
+    pub fn text(&self) -> String {
+        self.toml.to_string()
+    }
+
+    /// The scene it describes.
+    pub fn to_scene(&self, assets: &mut Assets) -> Result<Scene> {
+        parse_scene_with(&self.name(), &self.text(), &[], assets)
+    }
+
+    /// What is at a key.
+    pub fn get(&self, key: &str) -> Option<&Item> {
+        parts(key).try_fold(self.toml.as_item(), |item, part| match part.parse::<usize>() {
+            Ok(index) if !item.is_table_like() => item.get(index),
+            _ => item.get(part),
+        })
+    }
+
+    /// The number at a key.
+    pub fn number(&self, key: &str) -> Option<f64> {
+        self.get(key).and_then(number)
+    }
+
+    /// The text at a key.
+    pub fn word(&self, key: &str) -> Option<&str> {
+        self.get(key)?.as_str()
+    }
+
+    /// The truth value at a key.
+    pub fn flag(&self, key: &str) -> Option<bool> {
+        self.get(key)?.as_bool()
+    }
+
+    /// The numbers at a key: a list of any length.
+    pub fn numbers(&self, key: &str) -> Option<Vec<f64>> {
+        let item = self.get(key)?;
+        (0..item.as_array()?.len()).map(|i| item.get(i).and_then(number)).collect()
+    }
+
+    /// The vector or colour at a key.
+    pub fn vector(&self, key: &str) -> Option<[f64; 3]> {
+        self.numbers(key)?.try_into().ok()
+    }
+
+    /// Entries of the list at a key; 0 if there is none.
+    pub fn count(&self, key: &str) -> usize {
+        let length = |item: &Item| item.as_array_of_tables().map(ArrayOfTables::len).or_else(|| Some(item.as_array()?.len()));
+        self.get(key).and_then(length).unwrap_or(0)
+    }
+
+    /// Sets the value at a key. Tables on the way are made if they are missing.
+    pub fn set(&mut self, key: &str, value: Value) -> Result<()> {
+        let way: Vec<&str> = parts(key).collect();
+        let fail = |reason: String| Error::Override { assignment: format!("{key}={}", value.to_string().trim()), reason };
+        if way.is_empty() {
+            return Err(fail("expected key.path=value".into()));
+        }
+        put(self.toml.as_item_mut(), &way, 0, value.clone()).map_err(fail)
+    }
+
+    /// Takes what is at a key out of the scene; returns whether there was something.
+    pub fn remove(&mut self, key: &str) -> bool {
+        let way: Vec<&str> = parts(key).collect();
+        let Some((last, way)) = way.split_last() else { return false };
+        let parent = way.iter().try_fold(self.toml.as_item_mut(), |item, part| match part.parse::<usize>() {
+            Ok(index) if !item.is_table_like() => item.get_mut(index),
+            _ => item.as_table_like_mut()?.get_mut(part),
+        });
+        let Some(parent) = parent else { return false };
+        let index = last.parse::<usize>().ok();
+        match (parent, index) {
+            (Item::ArrayOfTables(tables), Some(index)) if index < tables.len() => {
+                tables.remove(index);
+                true
+            }
+            (Item::Value(Value::Array(values)), Some(index)) if index < values.len() => {
+                values.remove(index);
+                true
+            }
+            (item, _) => item.as_table_like_mut().is_some_and(|table| table.remove(last).is_some()),
+        }
+    }
+
+    /// Writes the text to a file, which becomes its own.
+    pub fn save(&mut self, path: &Path) -> Result<()> {
+        let text = self.text();
+        write_atomically(path, |to| std::fs::write(to, &text).map_err(|source| Error::Io { path: path.into(), source }))?;
+        self.path = Some(path.to_owned());
+        Ok(())
+    }
+}
+
+/// The parts of a key; indices may also stand in brackets.
+fn parts(key: &str) -> impl Iterator<Item = &str> {
+    key.split(['.', '[', ']']).map(str::trim).filter(|part| !part.is_empty())
+}
+
+fn number(item: &Item) -> Option<f64> {
+    item.as_float().or_else(|| item.as_integer().map(|v| v as f64))
+}
+
+/// A value in TOML syntax; a bare word is a string.
+fn parse_value(text: &str) -> Option<Value> {
+    match text.parse::<Value>() {
+        Ok(value) => Some(value),
+        Err(_) if !text.is_empty() && text.chars().all(|c| c.is_alphanumeric() || "-_./".contains(c)) => Some(text.into()),
+        Err(_) => None,
+    }
+}
+
+/// Puts a value at the end of a way into `item`, `depth` parts of which were taken.
+fn put(item: &mut Item, way: &[&str], depth: usize, value: Value) -> std::result::Result<(), String> {
+    let Some(part) = way.get(depth) else {
+        replace(item, value, depth == 1);
+        return Ok(());
+    };
+    let Some(index) = part.parse::<usize>().ok().filter(|_| !item.is_table_like()) else {
+        if item.is_none() {
+            *item = Item::Table(Table::new());
+        }
+        let inline = item.is_inline_table();
+        let table = item.as_table_like_mut().ok_or_else(|| format!("`{part}` is not in a table"))?;
+        let child = table.entry(part).or_insert(Item::None);
+        // A value holds values only, so what is made inside an inline table is inline too.
+        if inline && child.is_none() && depth + 1 < way.len() {
+            *child = Item::Value(Value::InlineTable(InlineTable::new()));
+        }
+        return put(child, way, depth + 1, value);
+    };
+    if item.is_none() {
+        *item = Item::ArrayOfTables(ArrayOfTables::new());
+    }
+    let whole_entry = depth + 1 == way.len();
+    let count = match item {
+        Item::ArrayOfTables(_) if whole_entry && !value.is_inline_table() => return Err(format!("`{part}` is a table")),
+        Item::ArrayOfTables(tables) => {
+            if index == tables.len() {
+                tables.push(Table::new());
+            }
+            tables.len()
+        }
+        Item::Value(Value::Array(values)) => {
+            if index == values.len() {
+                values.push(InlineTable::new());
+            }
+            values.len()
+        }
+        _ => return Err(format!("`{part}` is not in a list")),
+    };
+    let entry = item.get_mut(index).ok_or_else(|| format!("found `{part}`, expected an index of at most {count}"))?;
+    put(entry, way, depth + 1, value)
+}
+
+/// Replaces an item by a value, in the form and with the comments that the item has. `top` says that it is a table of the file.
+fn replace(item: &mut Item, mut value: Value, top: bool) {
+    value.decor_mut().clear();
+    *item = match (std::mem::take(item), value) {
+        (Item::Table(old), Value::InlineTable(new)) => {
+            let mut new = new.into_table();
+            new.set_position(old.position());
+            *new.decor_mut() = old.decor().clone();
+            Item::Table(new)
+        }
+        (Item::None, Value::InlineTable(new)) if top => Item::Table(new.into_table()),
+        (Item::Value(old), mut new) => {
+            *new.decor_mut() = old.decor().clone();
+            Item::Value(new)
+        }
+        (_, new) => Item::Value(new),
+    };
+}
