@@ -90,7 +90,8 @@ layout(set = 0, binding = 2, std430) buffer QueueBuffer { uint queue[]; };
 
 #define SCENE push.scene.parameters
 
-// Counters: indirect arguments and count of each queue, then what shading and flight go on with, then statistics.
+// Counters: indirect arguments and count of each queue, then what shading and flight go on with, then statistics,
+// then what following rays took (work.glsl): six counts of two words.
 const uint COUNT_ADVANCE = 0;
 const uint COUNT_SHADE = 4;
 const uint COUNT_ESCAPE = 8;
@@ -99,6 +100,7 @@ const uint COUNT_FLYING = 13;
 const uint COUNT_EXHAUSTED = 14;
 const uint COUNT_INVALID = 15;
 const uint COUNT_RAYS = 16;
+const uint COUNT_WORK = 20;
 
 // Words of a path.
 const uint WORD_ORIGIN = 0;

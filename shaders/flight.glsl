@@ -222,6 +222,9 @@ void advance(uint slot) {
                 runge_kutta_step(charge, moved, ray.parameter, ray.h, error);
             }
             ++ray.steps;
+            if (COUNTING) {
+                ++work.steps;
+            }
             bool accepted = fixed_step || error < tolerance;
             real again = ray.h * step_factor(error, tolerance);
             piece = euler ? ray.h : arc_length(flight, moved, ray.h);
@@ -264,6 +267,9 @@ void advance(uint slot) {
             vec3 tangent1 = euler ? end - start : vec3(moved.v) * float(ray.h);
             span = occupied_span(grid_curve(start, end, tangent0, tangent1));
             look = span.x < span.y;
+            if (COUNTING && !look) {
+                ++work.skips;
+            }
             curve = cut_span(hermite(start, end, tangent0, tangent1), span.x, span.y, SCENE.chord_tolerance * cone);
             hit.t = 1.0;
         }

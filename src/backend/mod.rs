@@ -1,6 +1,7 @@
 //! The seam between what is rendered and what renders it.
 
 pub mod cpu;
+pub mod timing;
 pub mod vulkan;
 
 use crate::error::Result;
@@ -13,7 +14,7 @@ use crate::world::World;
 pub use crate::world::{Stop, TraceOptions};
 use std::ops::Range;
 use std::sync::Arc;
-use std::time::Duration;
+pub use timing::{Dispatch, KernelTiming, Profiling, RoundCounts, Submission, Timings};
 
 /// Precision of the curve integration. Geometry and shading are in single precision either way.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -176,17 +177,6 @@ impl<'a> Tracer<'a> {
     }
 }
 
-/// How long one kernel ran since timings were last taken.
-#[derive(Clone, Debug, PartialEq)]
-pub struct KernelTiming {
-    /// Name of the kernel or stage.
-    pub kernel: String,
-    /// Dispatches.
-    pub count: u64,
-    /// Total time.
-    pub time: Duration,
-}
-
 /// A device that turns a world into a film.
 pub trait Backend: Send {
     /// What it is and what it runs on, for people.
@@ -204,8 +194,11 @@ pub trait Backend: Send {
     /// Traces rays on their own through the uploaded world, in the precision it was uploaded for.
     fn trace(&mut self, rays: &[TraceRay], options: TraceOptions) -> Result<Vec<TraceResult>>;
 
-    /// Times of every kernel since the last call.
-    fn timings(&mut self) -> Vec<KernelTiming>;
+    /// Sets how much is measured from now on.
+    fn set_profiling(&mut self, profiling: Profiling);
+
+    /// What was measured since the last call.
+    fn timings(&mut self) -> Timings;
 }
 
 /// The entries of a vector in double precision.

@@ -37,6 +37,7 @@ pub fn load_scene(path: Option<&Path>, overrides: &[String]) -> Result<Scene> {
 
 /// Validates the text of a scene; files it names are relative to the folder of `path`.
 pub fn parse_scene(path: &Path, text: &str, overrides: &[String]) -> Result<Scene> {
+    let _span = tracing::info_span!("load", scene = %path.display()).entered();
     let loader = Loader { path, text };
     let mut file: SceneFile = toml::from_str(text).map_err(|e| loader.error(e.span().unwrap_or_default(), one_line(e.message())))?;
     if !overrides.is_empty() {

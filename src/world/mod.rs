@@ -74,6 +74,7 @@ pub struct World {
 impl World {
     /// Compiles a scene. Fails if it asks for more than the layout holds or puts the camera where no ray lives.
     pub fn compile(scene: &Scene) -> Result<World> {
+        let _span = tracing::info_span!("compile", scene = %scene.path.display()).entered();
         let mut world = World {
             scene: scene_parameters(scene),
             nodes: vec![],

@@ -246,6 +246,8 @@ pub fn advance_curved<S: Simd, T: Scalar>(
         if scene.region_sharp != 0 {
             accepted &= !beyond_edge(course, &mut lanes, masks.outside & accepted);
         }
+        stack.work.steps += u64::from(live.count_ones());
+        stack.work.skips += u64::from((accepted & !masks.occupied).count_ones());
         for steps in &mut lanes.steps[..T::WIDTH] {
             *steps += 1;
         }

@@ -26,6 +26,7 @@ pub struct DeviceScene {
 impl DeviceScene {
     /// Uploads a world.
     pub fn new(device: &Arc<Device>, commands: &mut Commands, world: &World, precision: Precision) -> Result<DeviceScene> {
+        let _span = tracing::info_span!("upload", bytes = world.bytes()).entered();
         let mut staging = Buffer::new(device, "staging", STAGING, MemoryLocation::CpuToGpu)?;
         let model = match precision {
             Precision::F32 => model_bytes::<f32>(world),
