@@ -225,6 +225,27 @@ void advance(uint slot) {
             bool accepted = fixed_step || error < tolerance;
             real again = ray.h * step_factor(error, tolerance);
             piece = euler ? ray.h : arc_length(flight, moved, ray.h);
+            bool crossing = false;
+#ifdef RIM
+            if (!fixed_step) {
+                // No step goes across the rim: one that would ends a little before it, and the ray is put on the other side.
+                real3 from_origin = moved.x - model_origin();
+                real reach = length(from_origin);
+                real near = length(flight.x - model_origin()) - model_rim(), far = reach - model_rim();
+                real slack = RIM_SLACK * model_rim();
+                real approach = dot(from_origin, moved.v) * (near < real(0.0) ? real(1.0) : real(-1.0));
+                if (near * far < real(0.0) && abs(near) > slack) {
+                    accepted = false;
+                    again = ray.h * ((near - real(0.5) * sign(near) * slack) / (near - far));
+                } else if (accepted && near * far > real(0.0) && abs(far) <= slack && approach > real(0.0)) {
+                    real size = length(moved.v);
+                    real jump = (abs(far) + real(0.5) * slack) / max(approach / (reach * size), RIM_COSINE);
+                    moved = rate_at(charge, moved.x + moved.v * (jump / size), moved.p, ray.parameter + ray.h);
+                    piece += jump;
+                    crossing = true;
+                }
+            }
+#endif
             if (accepted && push.stop != STOP_NONE) {
                 // A step beyond the stop is taken again, to where the chord of the distances says it is.
                 real after = stop_distance(moved.x, ray.len + piece, ray.parameter + ray.h);
@@ -235,7 +256,7 @@ void advance(uint slot) {
                 if (euler && push.stop == STOP_LENGTH) {
                     reached = -after < real(0.5) * ray.h;
                 } else {
-                    reached = armed && abs(after) <= slack;
+                    reached = armed && (abs(after) <= slack || (crossing && before * after < real(0.0)));
                     if (armed && !reached && before * after < real(0.0)) {
                         accepted = false;
                         again = ray.h * (before / (before - after));

@@ -197,6 +197,11 @@ constants! {
         SAFE_TOLERANCE = 1e-2;
         /// How far beyond a sharp edge of the region a ray may end, as a share of its radius.
         EDGE_SLACK = 1e-5;
+        /// How near a rim counts as on it, as a share of its radius.
+        RIM_SLACK_F32 = 1e-6;
+        RIM_SLACK_F64 = 1e-10;
+        /// Least cosine to the rim's normal with which a ray is taken across.
+        RIM_COSINE = 1e-3;
         /// First step, as a share of the local radius of curvature.
         FIRST_STEP = 0.3;
         /// How far inside the bending region a ray that enters it is put, as a share of the way to it.

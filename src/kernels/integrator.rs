@@ -17,6 +17,8 @@ pub struct ModelBlock<T> {
     pub origin: [T; 3],
     /// Radius of the throat below which a ray is inverted to the other side of a wormhole; 0 if there is none.
     pub throat: T,
+    /// Radius at which the gradient of the index jumps, where steps end; 0 if there is none.
+    pub rim: T,
     /// Step of the methods that do not choose their own.
     pub step: T,
     /// The Runge-Kutta method, packed as `world/method.rs` writes it.

@@ -260,6 +260,11 @@ macro_rules! model_kind {
                 matches!(self, ModelKind::Ellis | ModelKind::Dneg)
             }
 
+            /// Whether the gradient of its index jumps at a rim.
+            pub fn has_rim(self) -> bool {
+                matches!(self, ModelKind::Luneburg | ModelKind::Radial)
+            }
+
             /// Whether the chart moves against observers at rest at infinity, so that directions there are not those of coordinates.
             pub fn moves_at_infinity(self) -> bool {
                 self == ModelKind::Alcubierre

@@ -231,11 +231,15 @@ pub fn advance_curved<S: Simd, T: Scalar>(
         let captured = if one_by_one { integrate_alone(course, &functions, &mut lanes) } else { integrate(simd, course, &mut lanes) };
         let masks = judge_lanes::<T::Register<S>, T>(simd, course, &mut lanes, live);
         let mut accepted = masks.accepted & live;
+        let mut crossing = 0;
+        if course.model.rim.to_f64() > 0.0 && !fixed_step(scene, course.model) {
+            crossing = meet_rim(course, &functions, &mut lanes, live, &mut accepted);
+        }
         let mut reached = 0;
         if stops {
             for i in 0..T::WIDTH {
                 if accepted >> i & 1 == 1 {
-                    match approach_stop(course, &functions, &mut lanes, i, euler) {
+                    match approach_stop(course, &functions, &mut lanes, i, euler, crossing >> i & 1 == 1) {
                         Approach::Before => {}
                         Approach::Reached => reached |= 1 << i,
                         Approach::Beyond => accepted &= !(1 << i),
@@ -359,6 +363,40 @@ fn beyond_edge<T: Scalar>(course: &Course<T>, lanes: &mut Lanes<T>, outside: u32
     shortened
 }
 
+/// No step goes across the rim, where the gradient of the index jumps: one of `live` that would is taken again, to a little before it, and
+/// one that ends there is put on the other side. Returns the lanes that were.
+fn meet_rim<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>, lanes: &mut Lanes<T>, live: u32, accepted: &mut u32) -> u32 {
+    let model = course.model;
+    let rim = model.rim.to_f64();
+    let slack = T::RIM_SLACK * rim;
+    let mut crossing = 0;
+    for i in (0..T::WIDTH).filter(|i| live >> i & 1 == 1) {
+        let at = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
+        let from_origin = |x: [T; 3]| [0, 1, 2].map(|axis| (x[axis] - model.origin[axis]).to_f64());
+        let length = |v: [f64; 3]| dot(v, v).sqrt();
+        let (x, v) = (at(&lanes.next.x), at(&lanes.next.v));
+        let there = from_origin(x);
+        let (near, far) = (length(from_origin(at(&lanes.x))) - rim, length(there) - rim);
+        let velocity = v.map(Real::to_f64);
+        let speed = length(velocity);
+        let cosine = -near.signum() * dot(there, velocity) / (length(there) * speed);
+        if near * far < 0.0 && near.abs() > slack {
+            lanes.next.h[i] = lanes.h[i] * T::from_f64((near - 0.5 * near.signum() * slack) / (near - far));
+            *accepted &= !(1 << i);
+        } else if *accepted >> i & 1 == 1 && near * far > 0.0 && far.abs() <= slack && cosine > 0.0 {
+            let jump = (far.abs() + 0.5 * slack) / cosine.max(RIM_COSINE);
+            let x = along(x, v, T::from_f64(jump / speed));
+            let (v, a) = (functions.rate)((), model, x, at(&lanes.next.p), lanes.energy[i], lanes.sense[i], lanes.parameter[i] + lanes.h[i]);
+            for axis in 0..3 {
+                (lanes.next.x[axis][i], lanes.next.v[axis][i], lanes.next.a[axis][i]) = (x[axis], v[axis], a[axis]);
+            }
+            lanes.next.travelled[i] = lanes.next.travelled[i] + T::from_f64(jump);
+            crossing |= 1 << i;
+        }
+    }
+    crossing
+}
+
 /// Where a step ends with respect to where the ray is to stop.
 enum Approach {
     /// Short of it.
@@ -381,9 +419,17 @@ pub fn stop_distance<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T
     }
 }
 
-/// Judges the accepted step of lane `i` by the stop; a step beyond is shortened to where the chord of the distances says it is.
+/// Judges the accepted step of lane `i` by the stop; a step beyond is shortened to where the chord of the distances says it is, unless it
+/// is `crossing` the rim.
 #[inline(always)]
-fn approach_stop<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>, lanes: &mut Lanes<T>, i: usize, euler: bool) -> Approach {
+fn approach_stop<T: Scalar>(
+    course: &Course<T>,
+    functions: &PointFunctions<T>,
+    lanes: &mut Lanes<T>,
+    i: usize,
+    euler: bool,
+    crossing: bool,
+) -> Approach {
     let x = [lanes.next.x[0][i], lanes.next.x[1][i], lanes.next.x[2][i]];
     let (length, parameter) = (lanes.length[i] + lanes.next.travelled[i], lanes.parameter[i] + lanes.h[i]);
     let before = lanes.until[i];
@@ -397,10 +443,11 @@ fn approach_stop<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>, l
         lanes.until[i] = after;
         return if -after.to_f64() < 0.5 * lanes.h[i].to_f64() { Approach::Reached } else { Approach::Before };
     }
-    if armed && after.to_f64().abs() <= slack {
+    let passed = armed && before.to_f64() * after.to_f64() < 0.0;
+    if armed && after.to_f64().abs() <= slack || passed && crossing {
         return Approach::Reached;
     }
-    if armed && before.to_f64() * after.to_f64() < 0.0 {
+    if passed {
         lanes.next.h[i] = lanes.h[i] * (before / (before - after));
         return Approach::Beyond;
     }

@@ -17,6 +17,8 @@ pub trait Scalar: Real + Lane<Real = Self, Mask = bool, Token = ()> {
     const TOLERANCE_FLOOR: f64;
     /// How far inside the bending region a ray that enters it is put, as a share of the way to it.
     const REGION_MARGIN: f64;
+    /// How near a rim counts as on it, as a share of its radius.
+    const RIM_SLACK: f64;
     /// Rays that are stepped at once.
     const WIDTH: usize;
     /// The register that holds them.
@@ -26,6 +28,7 @@ pub trait Scalar: Real + Lane<Real = Self, Mask = bool, Token = ()> {
 impl Scalar for f32 {
     const TOLERANCE_FLOOR: f64 = TOLERANCE_FLOOR_F32;
     const REGION_MARGIN: f64 = REGION_MARGIN_F32;
+    const RIM_SLACK: f64 = RIM_SLACK_F32;
     const WIDTH: usize = 16;
     type Register<S: Simd> = f32x16<S>;
 }
@@ -33,6 +36,7 @@ impl Scalar for f32 {
 impl Scalar for f64 {
     const TOLERANCE_FLOOR: f64 = TOLERANCE_FLOOR_F64;
     const REGION_MARGIN: f64 = REGION_MARGIN_F64;
+    const RIM_SLACK: f64 = RIM_SLACK_F64;
     const WIDTH: usize = 8;
     type Register<S: Simd> = f64x8<S>;
 }
