@@ -176,9 +176,9 @@ void advance(uint slot) {
     Charge charge = charge_of(ray);
     Flight flight = Flight(ray.x, ray.p, ray.p, real3(0.0));
     real before = real(0.0);
-    real safe = real(0.0);
+    real safe = real(0.0), detail = real(0.0);
     if (launched) {
-        safe = safe_step(ray.x);
+        safe_step(ray.x, safe, detail);
         flight = rate_at(charge, ray.x, ray.p, ray.parameter);
         if (ray.h == real(0.0)) {
             mode = MODE_LEAVE;
@@ -205,7 +205,7 @@ void advance(uint slot) {
             moved = flight;
             cone = spread * float(ray.len) + width;
             vec3 size = abs(vec3(ray.x));
-            tolerance = max(min(real(cone * SCENE.tolerance), safe * SAFE_TOLERANCE), real(max(size.x, max(size.y, size.z))) * TOLERANCE_FLOOR);
+            tolerance = max(min(real(cone * SCENE.tolerance), detail * DETAIL_TOLERANCE), real(max(size.x, max(size.y, size.z))) * TOLERANCE_FLOOR);
             error = real(0.0);
 #ifdef MEDIUM
             if (SCENE.method == METHOD_NYSTROM) {
@@ -325,7 +325,7 @@ void advance(uint slot) {
             ray.clock = float(charge.sense * frequency);
             charge = charge_of(ray);
             flight = rate_at(charge, ray.x, ray.p, ray.parameter);
-            safe = safe_step(ray.x);
+            safe_step(ray.x, safe, detail);
             if (!fixed_step) {
                 ray.h = first_step(flight, safe);
             } else {
@@ -342,7 +342,7 @@ void advance(uint slot) {
         ray.len += piece;
         ray.parameter += ray.h;
         real size = sqrt(dot(flight.v, flight.v));
-        safe = safe_step(ray.x);
+        safe_step(ray.x, safe, detail);
         if (!fixed_step) {
             ray.h = min(ray.h * step_factor(error, tolerance), safe / size);
         } else if (SCENE.method == METHOD_RUNGE_KUTTA) {

@@ -193,8 +193,8 @@ constants! {
         STEP_SAFETY = 0.9;
         STEP_SHRINK = 0.2;
         STEP_GROW = 3.0;
-        /// Largest error of a step as a share of the longest safe one: wide cones are no reason to lose the way.
-        SAFE_TOLERANCE = 1e-2;
+        /// Largest error of a step as a share of the length over which rays change their way: wide cones are no reason to lose it.
+        DETAIL_TOLERANCE = 1e-2;
         /// How far beyond a sharp edge of the region a ray may end, as a share of its radius.
         EDGE_SLACK = 1e-5;
         /// How near a rim counts as on it, as a share of its radius.

@@ -567,7 +567,7 @@ fn refill<S: Simd, T: Scalar>(
         let (v, a) = (functions.rate)((), model, solo.x, p, energy, ray.sense, zero);
         let flight = Flight { x: solo.x, p, v, a };
         let speed = dot(v, v).sqrt();
-        let safe = (functions.safe_step)((), model, solo.x);
+        let (safe, detail) = (functions.safe_step)((), model, solo.x);
         let h = if !fixed_step(scene, model) {
             first_step((), &flight, safe)
         } else if scene.method == METHOD_RUNGE_KUTTA {
@@ -582,7 +582,7 @@ fn refill<S: Simd, T: Scalar>(
             lanes.a[axis][i] = a[axis];
         }
         lanes.h[i] = h;
-        lanes.safe[i] = safe;
+        lanes.detail[i] = detail;
         lanes.parameter[i] = zero;
         lanes.energy[i] = energy;
         lanes.sense[i] = ray.sense;

@@ -104,8 +104,8 @@ pub struct Lanes<T> {
     pub width: Row<T>,
     /// Growth of the cones.
     pub spread: Row<T>,
-    /// Coordinate lengths that the model allows the steps.
-    pub safe: Row<T>,
+    /// Lengths by which the errors of the steps are measured.
+    pub detail: Row<T>,
     /// Coordinate lengths so far.
     pub length: Row<T>,
     /// Signed distances from where the rays are to stop: negative before it.
@@ -136,6 +136,8 @@ pub struct Next<T> {
     pub error: Row<T>,
     /// Coordinate lengths that the model allows the next steps.
     pub safe: Row<T>,
+    /// Lengths by which their errors are measured.
+    pub detail: Row<T>,
     /// Lengths of the next steps.
     pub h: Row<T>,
     /// Coordinate lengths of the steps.
@@ -178,7 +180,7 @@ impl<T: Scalar> Lanes<T> {
             frequency: one,
             width: one,
             spread: zero,
-            safe: one,
+            detail: one,
             length: zero,
             until: zero,
             next: Next {
@@ -188,6 +190,7 @@ impl<T: Scalar> Lanes<T> {
                 a: [zero; 3],
                 error: zero,
                 safe: zero,
+                detail: zero,
                 h: zero,
                 travelled: zero,
                 cone: zero,
@@ -220,7 +223,7 @@ impl<T: Scalar> Lanes<T> {
             }
             self.parameter[i] = if moves { self.parameter[i] + self.h[i] } else { self.parameter[i] };
             self.length[i] = if moves { self.length[i] + self.next.travelled[i] } else { self.length[i] };
-            self.safe[i] = if moves { self.next.safe[i] } else { self.safe[i] };
+            self.detail[i] = if moves { self.next.detail[i] } else { self.detail[i] };
             self.h[i] = self.next.h[i];
         }
     }
@@ -249,7 +252,9 @@ fn integrate_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, cour
     let frequency = L::load(token, &lanes.frequency);
     let captured = M::capture_distance::<L>(token, model, moved.x, moved.p, frequency, charge.sense).lt(L::constant(token, 0.0));
     let next = &mut lanes.next;
-    M::safe_step::<L>(token, model, moved.x).store(&mut next.safe);
+    let (safe, detail) = M::safe_step::<L>(token, model, moved.x);
+    safe.store(&mut next.safe);
+    detail.store(&mut next.detail);
     error.store(&mut next.error);
     for axis in 0..3 {
         moved.x[axis].store(&mut next.x[axis]);
@@ -284,7 +289,7 @@ pub fn integrate_alone<T: Scalar>(course: &Course<T>, functions: &PointFunctions
         let alive = (functions.capture_distance)((), model, moved.x, moved.p, lanes.frequency[i], sense);
         captured |= u32::from(alive.to_f64() < 0.0) << i;
         let next = &mut lanes.next;
-        next.safe[i] = (functions.safe_step)((), model, moved.x);
+        (next.safe[i], next.detail[i]) = (functions.safe_step)((), model, moved.x);
         next.error[i] = T::from_f64(0.0);
         for axis in 0..3 {
             next.x[axis][i] = moved.x[axis];
@@ -313,7 +318,7 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
     let cone = L::load(token, &lanes.spread).mul_add(length, L::load(token, &lanes.width));
     let size = flight.x[0].max(-flight.x[0]).max(flight.x[1].max(-flight.x[1])).max(flight.x[2].max(-flight.x[2]));
     let floor = size * L::constant(token, T::TOLERANCE_FLOOR);
-    let cap = L::load(token, &lanes.safe) * L::constant(token, SAFE_TOLERANCE);
+    let cap = L::load(token, &lanes.detail) * L::constant(token, DETAIL_TOLERANCE);
     let tolerance = (cone * L::constant(token, f64::from(scene.tolerance))).min(cap).max(floor);
     let good = error.lt(tolerance);
     let accepted = if fixed { u32::MAX } else { L::bits(good) };
