@@ -124,7 +124,7 @@ constants! {
         /// Most chords one integration step is cut into.
         MAX_CHORDS = 32;
         /// Most clearance lookups from each end of a step.
-        MARCH_STEPS = 3;
+        MARCH_STEPS = 2;
         /// 2^24: the film's fixed-point unit is 2^-24.
         FILM_FRACTION_BITS = 24;
     }

@@ -207,28 +207,31 @@ pub fn advance_curved<S: Simd, T: Scalar>(
 ) {
     let scene = course.scene;
     let functions = PointFunctions::<T>::of(course.kind);
-    let integrate = integrate_kernel::<S, T>(course.kind);
+    let kernels = ModelKernels::<S, T>::of(course.kind);
     let medium = course.kind.class() == Class::Medium;
     let euler = scene.method == METHOD_EULER && medium;
     let one_by_one = euler || matches!(scene.method, METHOD_SYMPLECTIC | METHOD_LEAPFROG);
     let mut lanes = Lanes::<T>::idle();
-    let mut next = 0;
+    let mut waiting = Waiting { lanes: Lanes::idle(), count: 0, taken: 0, next: 0 };
     let mut live = 0u32;
     let stops = course.stop != Stop::Never;
     loop {
         // Fill the lanes that are free.
         let mut free = !live & ((1u32 << T::WIDTH) - 1);
-        while free != 0 && next < count {
+        while free != 0 {
+            if waiting.taken == waiting.count && !waiting.fill(simd, course, &functions, &kernels, stack, count, &launch, &mut land) {
+                break;
+            }
             let lane = free.trailing_zeros() as usize;
             free &= free - 1;
-            if refill(simd, course, &functions, stack, &mut lanes, lane, &mut next, count, &launch, &mut land) {
-                live |= 1 << lane;
-            }
+            lanes.take(lane, &waiting.lanes, waiting.taken);
+            waiting.taken += 1;
+            live |= 1 << lane;
         }
         if live == 0 {
             return;
         }
-        let captured = if one_by_one { integrate_alone(course, &functions, &mut lanes) } else { integrate(simd, course, &mut lanes) };
+        let captured = if one_by_one { integrate_alone(course, &functions, &mut lanes) } else { (kernels.integrate)(simd, course, &mut lanes) };
         let masks = judge_lanes::<T::Register<S>, T>(simd, course, &mut lanes, live);
         let mut accepted = masks.accepted & live;
         let mut crossing = 0;
@@ -272,7 +275,7 @@ pub fn advance_curved<S: Simd, T: Scalar>(
                 live &= !(1 << i);
             }
         }
-        lanes.commit(accepted & live);
+        lanes.commit::<T::Register<S>>(simd, accepted & live);
         if course.model.throat.to_f64() > 0.0 {
             let mut todo = masks.crossed & accepted & live;
             while todo != 0 {
@@ -527,75 +530,73 @@ fn finish<T: Scalar>(
     land(lanes.index[i], solo.landing(status, &observed));
 }
 
-/// Puts the next ray that has to be integrated into lane `i`; rays that end before are reported. False when none is left.
-#[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "the state of one loop, split so that it can be read")]
-fn refill<S: Simd, T: Scalar>(
-    simd: S,
-    course: &Course<T>,
-    functions: &PointFunctions<T>,
-    stack: &mut TraversalStack,
-    lanes: &mut Lanes<T>,
-    i: usize,
-    next: &mut usize,
+/// Rays that were launched together and wait for lanes that are free.
+struct Waiting<T> {
+    lanes: Lanes<T>,
+    /// How many there are.
     count: usize,
-    launch: &impl Fn(usize) -> Launch<T>,
-    land: &mut impl FnMut(usize, Landing<T>),
-) -> bool {
-    let (scene, model) = (course.scene, course.model);
-    let center = region_center(course);
-    let radius = T::from_f64(f64::from(scene.region_radius));
-    while *next < count {
-        let index = *next;
-        *next += 1;
-        let ray = launch(index);
-        let mut solo = Solo::new(&ray);
-        let entry = enter_sphere(solo.x, solo.d, center, radius);
-        if entry.to_f64() != 0.0 {
-            // The ray starts outside: it goes straight to the region, or past it.
-            let margin = 1.0 + T::REGION_MARGIN;
-            let distance = if entry.to_f64() < 0.0 { T::from_f64(f64::from(FAR)) } else { T::from_f64(entry.to_f64() * margin) };
-            let ended = solo.cross(simd, course, stack, distance);
-            let status = if entry.to_f64() < 0.0 { Some(ended.unwrap_or(STATUS_ESCAPED)) } else { ended };
-            if let Some(status) = status {
-                land(index, solo.landing(status, &Observed::flat()));
-                continue;
+    /// How many have gone.
+    taken: usize,
+    /// The ray to be launched next.
+    next: usize,
+}
+
+impl<T: Scalar> Waiting<T> {
+    /// Launches the next rays that have to be integrated; rays that end before are reported. False when none is left.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "the state of one loop, split so that it can be read")]
+    fn fill<S: Simd>(
+        &mut self,
+        simd: S,
+        course: &Course<T>,
+        functions: &PointFunctions<T>,
+        kernels: &ModelKernels<S, T>,
+        stack: &mut TraversalStack,
+        count: usize,
+        launch: &impl Fn(usize) -> Launch<T>,
+        land: &mut impl FnMut(usize, Landing<T>),
+    ) -> bool {
+        let scene = course.scene;
+        let center = region_center(course);
+        let radius = T::from_f64(f64::from(scene.region_radius));
+        let lanes = &mut self.lanes;
+        (self.count, self.taken) = (0, 0);
+        while self.count < T::WIDTH && self.next < count {
+            let index = self.next;
+            self.next += 1;
+            let ray = launch(index);
+            let mut solo = Solo::new(&ray);
+            let entry = enter_sphere(solo.x, solo.d, center, radius);
+            if entry.to_f64() != 0.0 {
+                // The ray starts outside: it goes straight to the region, or past it.
+                let margin = 1.0 + T::REGION_MARGIN;
+                let distance = if entry.to_f64() < 0.0 { T::from_f64(f64::from(FAR)) } else { T::from_f64(entry.to_f64() * margin) };
+                let ended = solo.cross(simd, course, stack, distance);
+                let status = if entry.to_f64() < 0.0 { Some(ended.unwrap_or(STATUS_ESCAPED)) } else { ended };
+                if let Some(status) = status {
+                    land(index, solo.landing(status, &Observed::flat()));
+                    continue;
+                }
             }
+            let i = self.count;
+            self.count += 1;
+            for axis in 0..3 {
+                lanes.x[axis][i] = solo.x[axis];
+                lanes.p[axis][i] = solo.d[axis];
+            }
+            lanes.energy[i] = ray.speed;
+            lanes.sense[i] = ray.sense;
+            lanes.width[i] = T::from_f64(f64::from(ray.width));
+            lanes.spread[i] = T::from_f64(f64::from(ray.spread));
+            lanes.length[i] = solo.length;
+            lanes.until[i] = stop_distance(course, functions, solo.x, solo.length, T::from_f64(0.0));
+            lanes.index[i] = index;
+            lanes.chords[i] = solo.chords;
+            lanes.side[i] = ray.side;
         }
-        let (p, energy, frequency) = (functions.launch)((), model, solo.x, solo.d, ray.speed, ray.sense);
-        let zero = T::from_f64(0.0);
-        let (v, a) = (functions.rate)((), model, solo.x, p, energy, ray.sense, zero);
-        let flight = Flight { x: solo.x, p, v, a };
-        let speed = dot(v, v).sqrt();
-        let (safe, detail) = (functions.safe_step)((), model, solo.x);
-        let h = if !fixed_step(scene, model) {
-            first_step((), &flight, safe)
-        } else if scene.method == METHOD_RUNGE_KUTTA {
-            model.step / speed
-        } else {
-            model.step
-        };
-        for axis in 0..3 {
-            lanes.x[axis][i] = solo.x[axis];
-            lanes.p[axis][i] = p[axis];
-            lanes.v[axis][i] = v[axis];
-            lanes.a[axis][i] = a[axis];
+        if self.count > 0 {
+            (kernels.launch)(simd, course, lanes);
         }
-        lanes.h[i] = h;
-        lanes.detail[i] = detail;
-        lanes.parameter[i] = zero;
-        lanes.energy[i] = energy;
-        lanes.sense[i] = ray.sense;
-        lanes.frequency[i] = frequency;
-        lanes.width[i] = T::from_f64(f64::from(ray.width));
-        lanes.spread[i] = T::from_f64(f64::from(ray.spread));
-        lanes.length[i] = solo.length;
-        lanes.until[i] = stop_distance(course, functions, solo.x, lanes.length[i], zero);
-        lanes.index[i] = index;
-        lanes.steps[i] = 0;
-        lanes.chords[i] = solo.chords;
-        lanes.side[i] = ray.side;
-        return true;
+        self.count > 0
     }
-    false
 }

@@ -41,24 +41,43 @@ impl Scalar for f64 {
     type Register<S: Simd> = f64x8<S>;
 }
 
-/// Takes the lanes one step along: `next.x`, `next.p`, `next.v`, `next.a`, the errors and the safe steps there; returns the lanes that
-/// are captured there, as bits. Compiled for each model.
-pub type Integrate<S, T> = fn(S, &Course<T>, &mut Lanes<T>) -> u32;
+/// What is compiled for each model, on registers of instruction set `S`.
+pub struct ModelKernels<S, T> {
+    /// Gives all lanes momenta, energies, frequencies, velocities, forces and first steps. Before, the momentum of a lane is its unit
+    /// direction in the local frame, the energy its launch speed.
+    pub launch: fn(S, &Course<T>, &mut Lanes<T>),
+    /// Takes all lanes one step along: `next.x`, `next.p`, `next.v`, `next.a`, the errors and the safe steps there; returns the lanes that
+    /// are captured there, as bits.
+    pub integrate: fn(S, &Course<T>, &mut Lanes<T>) -> u32,
+}
 
-/// The integration through a model, on registers of instruction set `S`.
-pub fn integrate_kernel<S: Simd, T: Scalar>(kind: ModelKind) -> Integrate<S, T> {
-    fn kernel<M: Model, S: Simd, T: Scalar>(simd: S, course: &Course<T>, lanes: &mut Lanes<T>) -> u32 {
-        simd.vectorize(
-            #[inline(always)]
-            || integrate_lanes::<M, T::Register<S>, T>(simd, course, lanes),
-        )
+impl<S: Simd, T: Scalar> ModelKernels<S, T> {
+    /// The kernels of a model.
+    pub fn of(kind: ModelKind) -> Self {
+        fn launch<M: Model, S: Simd, T: Scalar>(simd: S, course: &Course<T>, lanes: &mut Lanes<T>) {
+            simd.vectorize(
+                #[inline(always)]
+                || launch_lanes::<M, T::Register<S>, T>(simd, course, lanes),
+            )
+        }
+        fn integrate<M: Model, S: Simd, T: Scalar>(simd: S, course: &Course<T>, lanes: &mut Lanes<T>) -> u32 {
+            simd.vectorize(
+                #[inline(always)]
+                || integrate_lanes::<M, T::Register<S>, T>(simd, course, lanes),
+            )
+        }
+        macro_rules! choose {
+            ($(($name:ident, $stem:ident, $class:ident)),+ $(,)?) => {
+                match kind {
+                    $(ModelKind::$name => ModelKernels {
+                        launch: launch::<crate::spacetime::$name, S, T>,
+                        integrate: integrate::<crate::spacetime::$name, S, T>,
+                    }),+
+                }
+            };
+        }
+        crate::for_each_model!(choose)
     }
-    macro_rules! choose {
-        ($(($name:ident, $stem:ident, $class:ident)),+ $(,)?) => {
-            match kind { $(ModelKind::$name => kernel::<crate::spacetime::$name, S, T>),+ }
-        };
-    }
-    crate::for_each_model!(choose)
 }
 
 /// What all rays of a batch share.
@@ -212,20 +231,54 @@ impl<T: Scalar> Lanes<T> {
 
     /// Moves the lanes of `accepted` to the end of their step.
     #[inline(always)]
-    pub fn commit(&mut self, accepted: u32) {
-        for i in 0..MAX_LANES {
-            let moves = accepted >> i & 1 == 1;
-            for axis in 0..3 {
-                self.x[axis][i] = if moves { self.next.x[axis][i] } else { self.x[axis][i] };
-                self.p[axis][i] = if moves { self.next.p[axis][i] } else { self.p[axis][i] };
-                self.v[axis][i] = if moves { self.next.v[axis][i] } else { self.v[axis][i] };
-                self.a[axis][i] = if moves { self.next.a[axis][i] } else { self.a[axis][i] };
+    pub fn commit<L: Lane<Real = T>>(&mut self, token: L::Token, accepted: u32) {
+        let flags: Row<T> = std::array::from_fn(
+            #[inline(always)]
+            |i| T::from_f64(f64::from(accepted >> i & 1)),
+        );
+        let moves = L::constant(token, 0.0).lt(L::load(token, &flags));
+        let next = &self.next;
+        for axis in 0..3 {
+            for (row, moved) in [
+                (&mut self.x[axis], &next.x[axis]),
+                (&mut self.p[axis], &next.p[axis]),
+                (&mut self.v[axis], &next.v[axis]),
+                (&mut self.a[axis], &next.a[axis]),
+            ] {
+                L::select(moves, L::load(token, moved), L::load(token, row)).store(row);
             }
-            self.parameter[i] = if moves { self.parameter[i] + self.h[i] } else { self.parameter[i] };
-            self.length[i] = if moves { self.length[i] + self.next.travelled[i] } else { self.length[i] };
-            self.detail[i] = if moves { self.next.detail[i] } else { self.detail[i] };
-            self.h[i] = self.next.h[i];
         }
+        L::select(moves, L::load(token, &next.detail), L::load(token, &self.detail)).store(&mut self.detail);
+        for (row, gain) in [(&mut self.parameter, &self.h), (&mut self.length, &next.travelled)] {
+            let before = L::load(token, row);
+            L::select(moves, before + L::load(token, gain), before).store(row);
+        }
+        self.h = next.h;
+    }
+
+    /// Puts the ray in lane `from` of `other` into lane `to`.
+    #[inline(always)]
+    pub fn take(&mut self, to: usize, other: &Lanes<T>, from: usize) {
+        for axis in 0..3 {
+            self.x[axis][to] = other.x[axis][from];
+            self.p[axis][to] = other.p[axis][from];
+            self.v[axis][to] = other.v[axis][from];
+            self.a[axis][to] = other.a[axis][from];
+        }
+        self.h[to] = other.h[from];
+        self.parameter[to] = other.parameter[from];
+        self.energy[to] = other.energy[from];
+        self.sense[to] = other.sense[from];
+        self.frequency[to] = other.frequency[from];
+        self.width[to] = other.width[from];
+        self.spread[to] = other.spread[from];
+        self.detail[to] = other.detail[from];
+        self.length[to] = other.length[from];
+        self.until[to] = other.until[from];
+        self.index[to] = other.index[from];
+        self.steps[to] = other.steps[from];
+        self.chords[to] = other.chords[from];
+        self.side[to] = other.side[from];
     }
 }
 
@@ -233,6 +286,33 @@ impl<T: Scalar> Lanes<T> {
 pub fn fixed_step<T: Real>(scene: &SceneParameters, model: &ModelBlock<T>) -> bool {
     matches!(scene.method, METHOD_EULER | METHOD_SYMPLECTIC | METHOD_LEAPFROG)
         || (scene.method == METHOD_RUNGE_KUTTA && model.tableau[1].to_f64() == 0.0)
+}
+
+/// Launches every lane into the model `M`.
+#[inline(always)]
+fn launch_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Course<T>, lanes: &mut Lanes<T>) {
+    let (scene, model) = (course.scene, course.model);
+    let (x, direction) = (load3(token, &lanes.x), load3(token, &lanes.p));
+    let sense = L::load(token, &lanes.sense);
+    let (p, energy, frequency) = M::launch::<L>(token, model, x, direction, L::load(token, &lanes.energy), sense);
+    let (v, a) = M::rate::<L>(token, model, x, p, energy, sense, L::constant(token, 0.0));
+    let (safe, detail) = M::safe_step::<L>(token, model, x);
+    let h = if !fixed_step(scene, model) {
+        first_step(token, &Flight { x, p, v, a }, safe)
+    } else if scene.method == METHOD_RUNGE_KUTTA {
+        L::splat(token, model.step) / dot(v, v).sqrt()
+    } else {
+        L::splat(token, model.step)
+    };
+    for axis in 0..3 {
+        p[axis].store(&mut lanes.p[axis]);
+        v[axis].store(&mut lanes.v[axis]);
+        a[axis].store(&mut lanes.a[axis]);
+    }
+    energy.store(&mut lanes.energy);
+    frequency.store(&mut lanes.frequency);
+    h.store(&mut lanes.h);
+    detail.store(&mut lanes.detail);
 }
 
 /// Steps every lane once through the model `M`.
