@@ -6,11 +6,13 @@
 #define real3 dvec3
 #define TOLERANCE_FLOOR TOLERANCE_FLOOR_F64
 #define REGION_MARGIN REGION_MARGIN_F64
+#define RIM_SLACK RIM_SLACK_F64
 #else
 #define real float
 #define real3 vec3
 #define TOLERANCE_FLOOR TOLERANCE_FLOOR_F32
 #define REGION_MARGIN REGION_MARGIN_F32
+#define RIM_SLACK RIM_SLACK_F32
 #endif
 
 #include "constants.glsl"
@@ -238,7 +240,7 @@ vec2 profile_entry(uint index) {
     return push.scene.profiles.items[index];
 }
 
-// The model's block: origin, step, throat, Runge-Kutta tableau, global parameters, sources.
+// The model's block: origin, step, throat, rim, Runge-Kutta tableau, global parameters, sources.
 real3 model_origin() {
     return real3(push.scene.model.values[0], push.scene.model.values[1], push.scene.model.values[2]);
 }
@@ -251,8 +253,12 @@ real model_throat() {
     return push.scene.model.values[4];
 }
 
+real model_rim() {
+    return push.scene.model.values[5];
+}
+
 real model_tableau(uint i) {
-    return push.scene.model.values[5 + i];
+    return push.scene.model.values[6 + i];
 }
 
 real model_global(int i) {

@@ -97,6 +97,7 @@ impl World {
             parameters: ModelBlock {
                 origin: scene.spacetime.position.to_array(),
                 throat: scene.spacetime.throat,
+                rim: scene.spacetime.rim,
                 step: scene.integrator.step,
                 tableau: method::tableau(scene.integrator.method),
                 global: scene.spacetime.global.clone(),
@@ -162,6 +163,7 @@ impl World {
         ModelBlock {
             origin: self.parameters.origin.map(T::from_f64),
             throat: T::from_f64(self.parameters.throat),
+            rim: T::from_f64(self.parameters.rim),
             step: T::from_f64(self.parameters.step),
             tableau: convert(&self.parameters.tableau),
             global: convert(&self.parameters.global),
