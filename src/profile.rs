@@ -141,7 +141,7 @@ impl Profile {
     /// Every kernel in all rounds, the longest first.
     pub fn kernels(&self) -> Vec<Row> {
         let mut rows = self.grouped(false);
-        rows.sort_by(|a, b| b.spread.total.cmp(&a.spread.total));
+        rows.sort_by_key(|row| std::cmp::Reverse(row.spread.total));
         rows
     }
 
