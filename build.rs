@@ -149,6 +149,9 @@ fn compile_shader(
     if kind.is_some_and(|k| k.has_throat()) {
         defines.push(("THROAT", Some("1")));
     }
+    if kind.is_some_and(|k| k.has_rim()) {
+        defines.push(("RIM", Some("1")));
+    }
     let options = CompilerOptions {
         target: Target::Vulkan { version: VulkanVersion::Vulkan1_2, spirv_version: SpirvVersion::SPIRV1_5 },
         messages: ShaderMessage::VULKAN_RULES | ShaderMessage::SPV_RULES,

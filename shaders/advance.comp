@@ -5,6 +5,7 @@
 
 #define KERNEL_ADVANCE
 #include "bindings.glsl"
+#include "work.glsl"
 #include "math.glsl"
 #include "triangle.glsl"
 #include "sampling.glsl"
@@ -50,5 +51,7 @@ void main() {
     if (i >= counters[COUNT_ADVANCE + 3]) {
         return;
     }
+    begin_work();
     advance(queue[queue_advance(push.parity) + i]);
+    report_work();
 }

@@ -6,11 +6,13 @@
 #define real3 dvec3
 #define TOLERANCE_FLOOR TOLERANCE_FLOOR_F64
 #define REGION_MARGIN REGION_MARGIN_F64
+#define RIM_SLACK RIM_SLACK_F64
 #else
 #define real float
 #define real3 vec3
 #define TOLERANCE_FLOOR TOLERANCE_FLOOR_F32
 #define REGION_MARGIN REGION_MARGIN_F32
+#define RIM_SLACK RIM_SLACK_F32
 #endif
 
 #include "constants.glsl"
@@ -90,7 +92,8 @@ layout(set = 0, binding = 2, std430) buffer QueueBuffer { uint queue[]; };
 
 #define SCENE push.scene.parameters
 
-// Counters: indirect arguments and count of each queue, then what shading and flight go on with, then statistics.
+// Counters: indirect arguments and count of each queue, then what shading and flight go on with, then statistics,
+// then what following rays took (work.glsl): six counts of two words.
 const uint COUNT_ADVANCE = 0;
 const uint COUNT_SHADE = 4;
 const uint COUNT_ESCAPE = 8;
@@ -99,6 +102,7 @@ const uint COUNT_FLYING = 13;
 const uint COUNT_EXHAUSTED = 14;
 const uint COUNT_INVALID = 15;
 const uint COUNT_RAYS = 16;
+const uint COUNT_WORK = 20;
 
 // Words of a path.
 const uint WORD_ORIGIN = 0;
@@ -236,7 +240,7 @@ vec2 profile_entry(uint index) {
     return push.scene.profiles.items[index];
 }
 
-// The model's block: origin, step, throat, Runge-Kutta tableau, global parameters, sources.
+// The model's block: origin, step, throat, rim, Runge-Kutta tableau, global parameters, sources.
 real3 model_origin() {
     return real3(push.scene.model.values[0], push.scene.model.values[1], push.scene.model.values[2]);
 }
@@ -249,8 +253,12 @@ real model_throat() {
     return push.scene.model.values[4];
 }
 
+real model_rim() {
+    return push.scene.model.values[5];
+}
+
 real model_tableau(uint i) {
-    return push.scene.model.values[5 + i];
+    return push.scene.model.values[6 + i];
 }
 
 real model_global(int i) {

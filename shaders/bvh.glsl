@@ -59,6 +59,10 @@ vec3 hit_position(Curve curve, float t) {
 
 bool intersect_chord(uint child, vec3 origin, vec3 direction, float j, float count, float t_max, inout Hit hit) {
     uint index = child & CHILD_INDEX;
+    if (COUNTING) {
+        work.primitives += (child & CHILD_BLOCK) == 0 ? 1u : 0u;
+        work.blocks += (child & CHILD_BLOCK) == 0 ? 0u : 1u;
+    }
     if ((child & CHILD_BLOCK) == 0) {
         vec3 found = intersect_primitive(primitive_at(index), origin, direction, t_max);
         if (found.x > 0.0) {
@@ -102,6 +106,9 @@ void intersect_leaf(Curve curve, uint child, float enter, float exit, inout Hit 
 uvec3 traversal_stack[STACK_SIZE];
 
 void closest_hit(Curve curve, uint side, inout Hit hit) {
+    if (COUNTING) {
+        ++work.chords;
+    }
     vec3 chord = curve.c1 + curve.c2 + curve.c3;
     bvec3 forward = greaterThanEqual(chord, vec3(0.0));
     vec3 size = max(abs(chord), vec3(MIN_DIRECTION));
@@ -117,6 +124,9 @@ void closest_hit(Curve curve, uint side, inout Hit hit) {
     float exit = hit.t;
     while (true) {
         if (child < CHILD_PRIMITIVE) {
+            if (COUNTING) {
+                ++work.nodes;
+            }
             uint bottom = top;
             for (uint lane = 0; lane < 8; ++lane) {
                 vec3 entry = vec3(node_bound(child, near_plane.x, lane), node_bound(child, near_plane.y, lane), node_bound(child, near_plane.z, lane));

@@ -176,9 +176,9 @@ void advance(uint slot) {
     Charge charge = charge_of(ray);
     Flight flight = Flight(ray.x, ray.p, ray.p, real3(0.0));
     real before = real(0.0);
-    real safe = real(0.0);
+    real safe = real(0.0), detail = real(0.0);
     if (launched) {
-        safe = safe_step(ray.x);
+        safe_step(ray.x, safe, detail);
         flight = rate_at(charge, ray.x, ray.p, ray.parameter);
         if (ray.h == real(0.0)) {
             mode = MODE_LEAVE;
@@ -205,7 +205,7 @@ void advance(uint slot) {
             moved = flight;
             cone = spread * float(ray.len) + width;
             vec3 size = abs(vec3(ray.x));
-            tolerance = max(min(real(cone * SCENE.tolerance), safe * SAFE_TOLERANCE), real(max(size.x, max(size.y, size.z))) * TOLERANCE_FLOOR);
+            tolerance = max(min(real(cone * SCENE.tolerance), detail * DETAIL_TOLERANCE), real(max(size.x, max(size.y, size.z))) * TOLERANCE_FLOOR);
             error = real(0.0);
 #ifdef MEDIUM
             if (SCENE.method == METHOD_NYSTROM) {
@@ -222,9 +222,33 @@ void advance(uint slot) {
                 runge_kutta_step(charge, moved, ray.parameter, ray.h, error);
             }
             ++ray.steps;
+            if (COUNTING) {
+                ++work.steps;
+            }
             bool accepted = fixed_step || error < tolerance;
             real again = ray.h * step_factor(error, tolerance);
             piece = euler ? ray.h : arc_length(flight, moved, ray.h);
+            bool crossing = false;
+#ifdef RIM
+            if (!fixed_step) {
+                // No step goes across the rim: one that would ends a little before it, and the ray is put on the other side.
+                real3 from_origin = moved.x - model_origin();
+                real reach = length(from_origin);
+                real near = length(flight.x - model_origin()) - model_rim(), far = reach - model_rim();
+                real slack = RIM_SLACK * model_rim();
+                real approach = dot(from_origin, moved.v) * (near < real(0.0) ? real(1.0) : real(-1.0));
+                if (near * far < real(0.0) && abs(near) > slack) {
+                    accepted = false;
+                    again = ray.h * ((near - real(0.5) * sign(near) * slack) / (near - far));
+                } else if (accepted && near * far > real(0.0) && abs(far) <= slack && approach > real(0.0)) {
+                    real size = length(moved.v);
+                    real jump = (abs(far) + real(0.5) * slack) / max(approach / (reach * size), RIM_COSINE);
+                    moved = rate_at(charge, moved.x + moved.v * (jump / size), moved.p, ray.parameter + ray.h);
+                    piece += jump;
+                    crossing = true;
+                }
+            }
+#endif
             if (accepted && push.stop != STOP_NONE) {
                 // A step beyond the stop is taken again, to where the chord of the distances says it is.
                 real after = stop_distance(moved.x, ray.len + piece, ray.parameter + ray.h);
@@ -235,7 +259,7 @@ void advance(uint slot) {
                 if (euler && push.stop == STOP_LENGTH) {
                     reached = -after < real(0.5) * ray.h;
                 } else {
-                    reached = armed && abs(after) <= slack;
+                    reached = armed && (abs(after) <= slack || (crossing && before * after < real(0.0)));
                     if (armed && !reached && before * after < real(0.0)) {
                         accepted = false;
                         again = ray.h * (before / (before - after));
@@ -264,6 +288,9 @@ void advance(uint slot) {
             vec3 tangent1 = euler ? end - start : vec3(moved.v) * float(ray.h);
             span = occupied_span(grid_curve(start, end, tangent0, tangent1));
             look = span.x < span.y;
+            if (COUNTING && !look) {
+                ++work.skips;
+            }
             curve = cut_span(hermite(start, end, tangent0, tangent1), span.x, span.y, SCENE.chord_tolerance * cone);
             hit.t = 1.0;
         }
@@ -304,7 +331,7 @@ void advance(uint slot) {
             ray.clock = float(charge.sense * frequency);
             charge = charge_of(ray);
             flight = rate_at(charge, ray.x, ray.p, ray.parameter);
-            safe = safe_step(ray.x);
+            safe_step(ray.x, safe, detail);
             if (!fixed_step) {
                 ray.h = first_step(flight, safe);
             } else {
@@ -321,7 +348,7 @@ void advance(uint slot) {
         ray.len += piece;
         ray.parameter += ray.h;
         real size = sqrt(dot(flight.v, flight.v));
-        safe = safe_step(ray.x);
+        safe_step(ray.x, safe, detail);
         if (!fixed_step) {
             ray.h = min(ray.h * step_factor(error, tolerance), safe / size);
         } else if (SCENE.method == METHOD_RUNGE_KUTTA) {

@@ -9,6 +9,7 @@
 //! | [`simd`] | lane types the kernels are generic over |
 //! | [`backend`] | the [`backend::Backend`] trait, on the CPU and on Vulkan |
 //! | [`scheduler`] | which samples next, and when to stop |
+//! | [`profile`] | where the time of a frame goes |
 //! | [`film`] | sums, AOVs, PNG and EXR |
 //! | [`cli`] | the command line |
 
@@ -19,6 +20,7 @@ pub mod cli;
 pub mod error;
 pub mod film;
 pub mod kernels;
+pub mod profile;
 pub mod scene;
 pub mod scheduler;
 pub mod simd;

@@ -2,6 +2,7 @@
 
 pub mod cpu;
 pub mod path;
+pub mod timing;
 pub mod vulkan;
 
 use crate::error::Result;
@@ -16,7 +17,7 @@ use crate::world::World;
 pub use crate::world::{Stop, TraceOptions};
 use std::ops::Range;
 use std::sync::Arc;
-use std::time::Duration;
+pub use timing::{Dispatch, KernelTiming, Profiling, RoundCounts, Submission, Timings};
 pub use vulkan::canvas::Canvas;
 
 /// Precision of the curve integration. Geometry and shading are in single precision either way.
@@ -180,17 +181,6 @@ impl<'a> Tracer<'a> {
     }
 }
 
-/// How long one kernel ran since timings were last taken.
-#[derive(Clone, Debug, PartialEq)]
-pub struct KernelTiming {
-    /// Name of the kernel or stage.
-    pub kernel: String,
-    /// Dispatches.
-    pub count: u64,
-    /// Total time.
-    pub time: Duration,
-}
-
 /// A device that turns a world into a film.
 pub trait Backend: Send {
     /// What it is and what it runs on, for people.
@@ -216,8 +206,11 @@ pub trait Backend: Send {
     /// Traces rays on their own through the uploaded world, in the precision it was uploaded for.
     fn trace(&mut self, rays: &[TraceRay], options: TraceOptions) -> Result<Vec<TraceResult>>;
 
-    /// Times of every kernel since the last call.
-    fn timings(&mut self) -> Vec<KernelTiming>;
+    /// Sets how much is measured from now on.
+    fn set_profiling(&mut self, profiling: Profiling);
+
+    /// What was measured since the last call.
+    fn timings(&mut self) -> Timings;
 }
 
 /// The entries of a vector in double precision.

@@ -124,7 +124,7 @@ pub fn run(args: &BenchArgs) -> Result<()> {
             milliseconds.sort_by(f64::total_cmp);
             let form = if linear { "linear".into() } else { args.form.clone() };
             let row = Row { table: if linear { "linear" } else { "nonlinear" }, form, size, width, height, milliseconds };
-            report_row(&row, &backend.timings());
+            report_row(&row, backend.timings().totals());
             rows.push(row);
         }
     }

@@ -2,7 +2,9 @@
 
 mod bench;
 mod check;
+mod chrome_trace;
 mod devices;
+mod profile;
 mod render;
 mod trace;
 mod trace_output;
@@ -15,8 +17,12 @@ use crate::error::{Error, Result};
 use crate::scene::{Scene, load_scene};
 use crate::world::World;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::fmt::format::FmtSpan;
+use tracing_subscriber::prelude::*;
 
 /// A path tracer for light that bends: full global illumination with every ray curved, on Vulkan and on the CPU.
 #[derive(Parser)]
@@ -36,6 +42,8 @@ enum Command {
     Validate(validate::ValidateArgs),
     /// The thesis' tables: time per sample, linear and non-linear
     Bench(bench::BenchArgs),
+    /// Where the time of a frame goes, kernel by kernel and bounce by bounce
+    Profile(profile::ProfileArgs),
     /// Read and validate scene files
     Check(check::CheckArgs),
     /// List every Vulkan device and the features nullray needs of it
@@ -173,14 +181,15 @@ pub fn main() -> ExitCode {
             return ExitCode::from(if e.use_stderr() { 2 } else { 0 });
         }
     };
-    let outcome = match cli.command {
+    let outcome = start_log().and_then(|()| match cli.command {
         Command::Render(args) => render::run(&args),
         Command::Trace(args) => trace::run(&args),
         Command::Validate(args) => validate::run(&args),
         Command::Bench(args) => bench::run(&args),
+        Command::Profile(args) => profile::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Devices(args) => devices::run(&args),
-    };
+    });
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) => {
@@ -188,6 +197,20 @@ pub fn main() -> ExitCode {
             ExitCode::from(e.exit_code())
         }
     }
+}
+
+/// Sends the spans and events that `NULLRAY_LOG` names (`nullray=debug`, say) to stderr. Without it they cost nothing.
+fn start_log() -> Result<()> {
+    let Some(wanted) = std::env::var("NULLRAY_LOG").ok().filter(|w| !w.is_empty()) else { return Ok(()) };
+    let targets = wanted.parse::<Targets>().map_err(|e| Error::Usage {
+        argument: format!("NULLRAY_LOG={wanted}"),
+        reason: format!("{e}, expected targets and levels such as nullray=debug"),
+    })?;
+    let stderr = std::io::stderr;
+    let lines = tracing_subscriber::fmt::layer().with_writer(stderr).with_ansi(stderr().is_terminal()).with_span_events(FmtSpan::CLOSE);
+    // A program that uses the library may have a subscriber of its own.
+    let _ = tracing_subscriber::registry().with(lines.with_filter(targets)).try_init();
+    Ok(())
 }
 
 /// Writes a line to stdout; a reader that went away is no error.

@@ -9,7 +9,7 @@ use crate::scheduler::{Ending, Goal, Progress, render};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -61,16 +61,22 @@ fn check_outputs(outputs: &[PathBuf]) -> Result<()> {
                 reason: "expected a file name ending in .png or .exr".into(),
             });
         }
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(std::path::Path::new("."));
-        let probe = folder.join(format!(".nullray.{}.probe", std::process::id()));
-        let writable = if path.is_dir() {
-            Err(std::io::Error::from(std::io::ErrorKind::IsADirectory))
-        } else {
-            std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe))
-        };
-        writable.map_err(|source| Error::Io { path: path.clone(), source })?;
+        check_writable(path)?;
     }
     Ok(())
+}
+
+/// Refuses a file that could not be written.
+pub fn check_writable(path: &Path) -> Result<()> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let probe = folder.join(format!(".nullray.{}.probe", std::process::id()));
+    let writable = match std::fs::metadata(path) {
+        Ok(found) if found.is_dir() => Err(std::io::ErrorKind::IsADirectory.into()),
+        // A pipe or a device is written straight.
+        Ok(found) if !found.is_file() => Ok(()),
+        _ => std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe)),
+    };
+    writable.map_err(|source| Error::Io { path: path.into(), source })
 }
 
 pub fn run(args: &RenderArgs) -> Result<()> {

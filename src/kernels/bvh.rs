@@ -10,6 +10,7 @@ use super::layout::BvhNode;
 use super::primitive::intersect_primitive;
 use super::triangle::intersect_triangle;
 use super::view::SceneView;
+use super::work::Work;
 use crate::simd::{Lane, load3, splat3};
 use fearless_simd::{Simd, f32x8};
 use glam::Vec3;
@@ -159,17 +160,25 @@ impl<S: Simd> SlabRay<S> {
     }
 }
 
-/// Children waiting to be visited: what, and the interval of the curve parameter in which its box is met.
-pub type TraversalStack = [(u32, f32, f32); STACK_SIZE as usize];
+/// Scratch space of traversals, and what they have done.
+pub struct TraversalStack {
+    /// Children waiting to be visited: what, and the interval of the curve parameter in which its box is met.
+    waiting: [(u32, f32, f32); STACK_SIZE as usize],
+    /// What was done with this stack.
+    pub work: Work,
+}
 
 /// An empty stack; its first entry is the sentinel that ends a traversal.
-pub const EMPTY_STACK: TraversalStack = [(NO_INDEX, 0.0, 0.0); STACK_SIZE as usize];
+pub const EMPTY_STACK: TraversalStack =
+    TraversalStack { waiting: [(NO_INDEX, 0.0, 0.0); STACK_SIZE as usize], work: Work::from_counts([0; 6]) };
 
 /// Finds the closest hit of `curve` before `hit.t`, on one side of a wormhole. For a curved step `hit.t` starts at 1.
 ///
 /// `stack` is scratch space, [`EMPTY_STACK`] at first; the caller keeps it because clearing it costs as much as a short ray.
 #[inline(always)]
 pub fn closest_hit<S: Simd>(simd: S, view: &SceneView, curve: &Curve, side: u32, stack: &mut TraversalStack, hit: &mut Hit) {
+    let TraversalStack { waiting: stack, work } = stack;
+    work.chords += 1;
     let chord = curve.c1 + curve.c2 + curve.c3;
     let ray = SlabRay::new(simd, curve.start, chord, curve.inflation);
     let mut top = 1;
@@ -178,6 +187,7 @@ pub fn closest_hit<S: Simd>(simd: S, view: &SceneView, curve: &Curve, side: u32,
     let mut exit = hit.t;
     loop {
         if child < CHILD_PRIMITIVE {
+            work.nodes += 1;
             let (nears, fars, mut mask) = intersect_node(simd, view.node(child), &ray, hit.t);
             if mask != 0 {
                 let node = view.node(child);
@@ -205,7 +215,12 @@ pub fn closest_hit<S: Simd>(simd: S, view: &SceneView, curve: &Curve, side: u32,
                 continue;
             }
         } else {
-            intersect_leaf(simd, view, curve, child, enter, exit, hit);
+            let tested = intersect_leaf(simd, view, curve, child, enter, exit, hit);
+            if child & CHILD_BLOCK == 0 {
+                work.primitives += tested;
+            } else {
+                work.blocks += tested;
+            }
         }
         // Take the nearest waiting child that still may hold a closer hit.
         loop {
@@ -221,28 +236,31 @@ pub fn closest_hit<S: Simd>(simd: S, view: &SceneView, curve: &Curve, side: u32,
     }
 }
 
-/// Tests the chords of `curve` that overlap [enter, exit] against what the leaf holds.
+/// Tests the chords of `curve` that overlap [enter, exit] against what the leaf holds; returns how many it tested.
 #[inline(always)]
-fn intersect_leaf<S: Simd>(simd: S, view: &SceneView, curve: &Curve, child: u32, enter: f32, exit: f32, hit: &mut Hit) {
+fn intersect_leaf<S: Simd>(simd: S, view: &SceneView, curve: &Curve, child: u32, enter: f32, exit: f32, hit: &mut Hit) -> u64 {
     if curve.chords == 1 {
         let direction = curve.c1 + curve.c2 + curve.c3;
         intersect_chord(simd, view, child, curve.start, direction, 0.0, 1.0, hit.t, hit);
-        return;
+        return 1;
     }
     let count = curve.chords as f32;
     let first = (enter * count).floor().clamp(0.0, count - 1.0);
     let last = (exit.min(hit.t) * count).floor().clamp(0.0, count - 1.0);
     let mut j = first;
     let mut from = curve_point(curve, j / count);
+    let mut tested = 0;
     while j <= last {
+        tested += 1;
         let to = curve_point(curve, (j + 1.0) / count);
         let t_max = (hit.t * count - j).min(1.0 + CHORD_SLACK);
         if intersect_chord(simd, view, child, from, to - from, j, count, t_max, hit) {
-            return;
+            break;
         }
         from = to;
         j += 1.0;
     }
+    tested
 }
 
 /// Tests one chord, number `j` of `count`; returns whether it hit.

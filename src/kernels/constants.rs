@@ -124,7 +124,7 @@ constants! {
         /// Most chords one integration step is cut into.
         MAX_CHORDS = 32;
         /// Most clearance lookups from each end of a step.
-        MARCH_STEPS = 3;
+        MARCH_STEPS = 2;
         /// 2^24: the film's fixed-point unit is 2^-24.
         FILM_FRACTION_BITS = 24;
 
@@ -218,10 +218,15 @@ constants! {
         STEP_SAFETY = 0.9;
         STEP_SHRINK = 0.2;
         STEP_GROW = 3.0;
-        /// Largest error of a step as a share of the longest safe one: wide cones are no reason to lose the way.
-        SAFE_TOLERANCE = 1e-2;
+        /// Largest error of a step as a share of the length over which rays change their way: wide cones are no reason to lose it.
+        DETAIL_TOLERANCE = 1e-2;
         /// How far beyond a sharp edge of the region a ray may end, as a share of its radius.
         EDGE_SLACK = 1e-5;
+        /// How near a rim counts as on it, as a share of its radius.
+        RIM_SLACK_F32 = 1e-6;
+        RIM_SLACK_F64 = 1e-10;
+        /// Least cosine to the rim's normal with which a ray is taken across.
+        RIM_COSINE = 1e-3;
         /// First step, as a share of the local radius of curvature.
         FIRST_STEP = 0.3;
         /// How far inside the bending region a ray that enters it is put, as a share of the way to it.

@@ -17,6 +17,8 @@ pub struct ModelBlock<T> {
     pub origin: [T; 3],
     /// Radius of the throat below which a ray is inverted to the other side of a wormhole; 0 if there is none.
     pub throat: T,
+    /// Radius at which the gradient of the index jumps, where steps end; 0 if there is none.
+    pub rim: T,
     /// Step of the methods that do not choose their own.
     pub step: T,
     /// The Runge-Kutta method, packed as `world/method.rs` writes it.
@@ -79,8 +81,8 @@ pub trait Model: Send + Sync + 'static {
         frequency: L,
         sense: L,
     ) -> L;
-    /// Largest coordinate length of a step.
-    fn safe_step<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3]) -> L;
+    /// Largest coordinate length of a step, and the length by which its error is measured.
+    fn safe_step<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3]) -> (L, L);
     /// Frequency seen by matter of coordinate velocity `velocity` dx/dt.
     fn matter_frequency<L: Lane>(
         token: L::Token,
@@ -125,7 +127,7 @@ pub struct PointFunctions<T> {
     /// [`Model::index_gradient`].
     pub index_gradient: fn((), &ModelBlock<T>, [T; 3], T) -> [T; 3],
     /// [`Model::safe_step`].
-    pub safe_step: fn((), &ModelBlock<T>, [T; 3]) -> T,
+    pub safe_step: fn((), &ModelBlock<T>, [T; 3]) -> (T, T),
 }
 
 impl<T: Lane<Real = T, Mask = bool, Token = ()>> PointFunctions<T> {

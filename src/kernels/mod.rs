@@ -16,3 +16,4 @@ pub mod table;
 pub mod texture;
 pub mod triangle;
 pub mod view;
+pub mod work;

@@ -43,6 +43,7 @@ pub fn parse_scene(path: &Path, text: &str, overrides: &[String]) -> Result<Scen
 
 /// The same, for a text that is parsed again and again: files that did not change since are taken from `assets`.
 pub fn parse_scene_with(path: &Path, text: &str, overrides: &[String], assets: &mut Assets) -> Result<Scene> {
+    let _span = tracing::info_span!("load", scene = %path.display()).entered();
     let mut loader = Loader { path, text, assets };
     let mut file: SceneFile = toml::from_str(text).map_err(|e| loader.error(e.span().unwrap_or_default(), one_line(e.message())))?;
     if !overrides.is_empty() {

@@ -26,6 +26,8 @@ pub struct Spacetime {
     pub table: Vec<f64>,
     /// Radius of a wormhole's throat in its chart; 0 without one.
     pub throat: f64,
+    /// Radius at which the gradient of the index jumps; 0 without one.
+    pub rim: f64,
     /// How far it reaches.
     pub extent: Extent,
     /// Whether the thesis' recurrence is taken literally, its kick without a step length.
@@ -108,6 +110,7 @@ impl Spacetime {
             sources: vec![],
             table: vec![],
             throat: 0.0,
+            rim: 0.0,
             extent: Extent::Nowhere,
             literal: false,
             hole: None,
@@ -290,7 +293,8 @@ impl Reader<'_> {
             }
             Profile::Luneburg => {
                 self.allow(&["profile", "radius"])?;
-                Ok(Spacetime { model: ModelKind::Luneburg, global: vec![radius], extent: Extent::Ball(self.origin, radius), ..base })
+                let extent = Extent::Ball(self.origin, radius);
+                Ok(Spacetime { model: ModelKind::Luneburg, global: vec![radius], rim: radius, extent, ..base })
             }
             Profile::Radial => {
                 self.allow(&["profile", "coefficients", "radius"])?;
@@ -306,7 +310,7 @@ impl Reader<'_> {
                 let mut global = values;
                 global.resize(5, 0.0);
                 global.push(radius);
-                Ok(Spacetime { model: ModelKind::Radial, global, extent: Extent::Ball(self.origin, radius), ..base })
+                Ok(Spacetime { model: ModelKind::Radial, global, rim: radius, extent: Extent::Ball(self.origin, radius), ..base })
             }
             Profile::Layered => self.layers(base),
         }

@@ -3,7 +3,8 @@
 //! Registers come from `fearless_simd`, whose level (AVX-512, AVX2, SSE2, NEON, ...) is chosen at run time; the token that proves
 //! the level travels with every constant. A scalar lane has the token `()` and is the reference the registers are tested against.
 
-use fearless_simd::{Select as _, Simd, SimdBase, SimdFloat, SimdMask, f32x8, f32x16, f64x8, mask32x8, mask32x16, mask64x8};
+use fearless_simd::{Select as _, Simd, SimdBase, SimdCvtFloat as _, SimdCvtTruncate as _, SimdFloat, SimdMask};
+use fearless_simd::{f32x8, f32x16, f64x8, i32x8, i32x16, i64x8, mask32x8, mask32x16, mask64x8};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// Most lanes of any register.
@@ -217,7 +218,7 @@ trait MapLanes<T> {
 }
 
 macro_rules! register_lane {
-    ($vector:ident, $mask:ident, $real:ident, $lanes:literal) => {
+    ($vector:ident, $integers:ident, $mask:ident, $real:ident, $lanes:literal) => {
         impl<S: Simd> MapLanes<$real> for $vector<S> {
             #[inline(always)]
             fn map(self, function: impl Fn($real) -> $real) -> Self {
@@ -282,10 +283,13 @@ macro_rules! register_lane {
             }
             #[inline(always)]
             fn gather(self, table: &[u8]) -> Self {
-                self.map(
-                    #[inline(always)]
-                    |index| $real::from(table[index as usize]),
-                )
+                let token = fearless_simd::ExtractToken::token(&self);
+                let mut entries = [0; $lanes];
+                $integers::truncate_from(self).store_slice(&mut entries);
+                for entry in &mut entries {
+                    *entry = table[*entry as usize].into();
+                }
+                Self::float_from($integers::from_slice(token, &entries))
             }
             #[inline(always)]
             fn min(self, other: Self) -> Self {
@@ -314,6 +318,6 @@ macro_rules! register_lane {
         }
     };
 }
-register_lane!(f32x8, mask32x8, f32, 8);
-register_lane!(f32x16, mask32x16, f32, 16);
-register_lane!(f64x8, mask64x8, f64, 8);
+register_lane!(f32x8, i32x8, mask32x8, f32, 8);
+register_lane!(f32x16, i32x16, mask32x16, f32, 16);
+register_lane!(f64x8, i64x8, mask64x8, f64, 8);

@@ -166,6 +166,11 @@ pub trait Metric {
     fn safe_step<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>) -> S {
         S::constant(UNBOUNDED_STEP)
     }
+
+    /// Length over which the way of rays changes at `x`, of which the error of a step is but a small share. Steps themselves may be longer.
+    fn detail<S: Scalar>(global: &Self::Global<S>, x: Vec3<S>) -> S {
+        Self::safe_step(global, x)
+    }
 }
 
 /// Rays whose velocity is given: by where they are, by the direction they set out in, by how far they have come.
@@ -258,6 +263,11 @@ macro_rules! model_kind {
             /// Whether the model has two sides, joined at a throat.
             pub fn has_throat(self) -> bool {
                 matches!(self, ModelKind::Ellis | ModelKind::Dneg)
+            }
+
+            /// Whether the gradient of its index jumps at a rim.
+            pub fn has_rim(self) -> bool {
+                matches!(self, ModelKind::Luneburg | ModelKind::Radial)
             }
 
             /// Whether the chart moves against observers at rest at infinity, so that directions there are not those of coordinates.

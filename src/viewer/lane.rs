@@ -83,6 +83,7 @@ impl Lane {
     /// The backend with the scene and the world it holds.
     pub fn parts(&mut self) -> Option<(&mut dyn Backend, &Scene, &World)> {
         let (scene, world) = self.held.as_ref()?;
-        Some((self.backend.as_mut(), scene, world))
+        let backend: &mut dyn Backend = self.backend.as_mut();
+        Some((backend, scene, world.as_ref()))
     }
 }

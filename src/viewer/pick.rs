@@ -12,6 +12,8 @@ use glam::{DVec3, Vec2, vec2};
 
 /// Points of a path: more would not be seen, and every one costs a ray.
 const POINTS: u32 = 96;
+/// Where paths of rays that escape are left, in distances of the target.
+const FAR: f64 = 50.0;
 /// Least error allowed per step, in scene units.
 const LEAST_TOLERANCE: f64 = 1e-6;
 
@@ -32,12 +34,11 @@ pub fn pick(lane: &mut Lane, pixel: (u32, u32), (width, height): (u32, u32)) -> 
     let ray = TraceRay::looking(origin.to_array(), direction.to_array());
     let Some((end, mut path)) = trace_path(backend, &ray, options, POINTS)? else { return Ok(None) };
     if end.status == STATUS_ESCAPED {
-        // On to where the map is left, straight: light does not bend out there.
-        let last = path.last().map_or(origin, |&p| DVec3::from(p));
-        let beyond = last + DVec3::from(end.direction) * 4.0 * scene.camera.focus_distance;
-        if beyond.is_finite() {
-            path.push(beyond.to_array());
-        }
+        // Straight on to where any map is left: light does not bend out there.
+        let far = FAR * scene.camera.focus_distance;
+        path.retain(|p| DVec3::from(*p).distance(origin) <= far);
+        let last = path.last().map_or(origin, |p| DVec3::from(*p));
+        path.push((last + DVec3::from(end.direction) * far).to_array());
     }
     let finite = |v: f64| if v.is_finite() { v } else { 0.0 };
     let shape = end.object.and_then(|object| scene.shapes.get(object as usize));

@@ -78,6 +78,7 @@ pub fn box_corners(primitive: &Primitive) -> [Vec3; 8] {
 /// Builds a tree for each side of a wormhole that `sides` (one entry per object) names, or one for all; returns the bounds of
 /// the scene (empty bounds are a point at the origin).
 pub fn build(world: &mut World, corners: &[[Vec3; 3]], sides: &[u32]) -> Result<(Vec3, Vec3)> {
+    let _span = tracing::info_span!("bvh", triangles = corners.len(), primitives = world.primitives.len()).entered();
     let near = build_side(world, corners, sides, 0)?;
     let far = if world.parameters.throat > 0.0 {
         world.scene.far_root = world.nodes.len() as u32;

@@ -32,6 +32,7 @@ pub(super) fn build(world: &mut World, corners: &[[Vec3; 3]], bounds: (Vec3, Vec
     // Some room around flat scenes, so that rays beside them can still skip.
     let margin = 0.1 * (high - low).max_element().max(1e-3);
     let (low, high) = (low - Vec3::splat(margin), high + Vec3::splat(margin));
+    let _span = tracing::info_span!("clearance").entered();
     let extent = high - low;
     let cell = (extent.x * extent.y * extent.z / CELLS).cbrt().max(extent.max_element() / MAX_SIDE);
     let size = (extent / cell).ceil().max(Vec3::ONE).as_uvec3();

@@ -74,6 +74,7 @@ pub struct World {
 impl World {
     /// Compiles a scene. Fails if it asks for more than the layout holds or puts the camera where no ray lives.
     pub fn compile(scene: &Scene) -> Result<World> {
+        let _span = tracing::info_span!("compile", scene = %scene.path.display()).entered();
         let mut world = World {
             scene: scene_parameters(scene),
             nodes: vec![],
@@ -96,6 +97,7 @@ impl World {
             parameters: ModelBlock {
                 origin: scene.spacetime.position.to_array(),
                 throat: scene.spacetime.throat,
+                rim: scene.spacetime.rim,
                 step: scene.integrator.step,
                 tableau: method::tableau(scene.integrator.method),
                 global: scene.spacetime.global.clone(),
@@ -188,6 +190,7 @@ impl World {
         ModelBlock {
             origin: self.parameters.origin.map(T::from_f64),
             throat: T::from_f64(self.parameters.throat),
+            rim: T::from_f64(self.parameters.rim),
             step: T::from_f64(self.parameters.step),
             tableau: convert(&self.parameters.tableau),
             global: convert(&self.parameters.global),

@@ -207,35 +207,42 @@ pub fn advance_curved<S: Simd, T: Scalar>(
 ) {
     let scene = course.scene;
     let functions = PointFunctions::<T>::of(course.kind);
-    let integrate = integrate_kernel::<S, T>(course.kind);
+    let kernels = ModelKernels::<S, T>::of(course.kind);
     let medium = course.kind.class() == Class::Medium;
     let euler = scene.method == METHOD_EULER && medium;
     let one_by_one = euler || matches!(scene.method, METHOD_SYMPLECTIC | METHOD_LEAPFROG);
     let mut lanes = Lanes::<T>::idle();
-    let mut next = 0;
+    let mut waiting = Waiting { lanes: Lanes::idle(), count: 0, taken: 0, next: 0 };
     let mut live = 0u32;
     let stops = course.stop != Stop::Never;
     loop {
         // Fill the lanes that are free.
         let mut free = !live & ((1u32 << T::WIDTH) - 1);
-        while free != 0 && next < count {
+        while free != 0 {
+            if waiting.taken == waiting.count && !waiting.fill(simd, course, &functions, &kernels, stack, count, &launch, &mut land) {
+                break;
+            }
             let lane = free.trailing_zeros() as usize;
             free &= free - 1;
-            if refill(simd, course, &functions, stack, &mut lanes, lane, &mut next, count, &launch, &mut land) {
-                live |= 1 << lane;
-            }
+            lanes.take(lane, &waiting.lanes, waiting.taken);
+            waiting.taken += 1;
+            live |= 1 << lane;
         }
         if live == 0 {
             return;
         }
-        let captured = if one_by_one { integrate_alone(course, &functions, &mut lanes) } else { integrate(simd, course, &mut lanes) };
+        let captured = if one_by_one { integrate_alone(course, &functions, &mut lanes) } else { (kernels.integrate)(simd, course, &mut lanes) };
         let masks = judge_lanes::<T::Register<S>, T>(simd, course, &mut lanes, live);
         let mut accepted = masks.accepted & live;
+        let mut crossing = 0;
+        if course.model.rim.to_f64() > 0.0 && !fixed_step(scene, course.model) {
+            crossing = meet_rim(course, &functions, &mut lanes, live, &mut accepted);
+        }
         let mut reached = 0;
         if stops {
             for i in 0..T::WIDTH {
                 if accepted >> i & 1 == 1 {
-                    match approach_stop(course, &functions, &mut lanes, i, euler) {
+                    match approach_stop(course, &functions, &mut lanes, i, euler, crossing >> i & 1 == 1) {
                         Approach::Before => {}
                         Approach::Reached => reached |= 1 << i,
                         Approach::Beyond => accepted &= !(1 << i),
@@ -246,6 +253,8 @@ pub fn advance_curved<S: Simd, T: Scalar>(
         if scene.region_sharp != 0 {
             accepted &= !beyond_edge(course, &mut lanes, masks.outside & accepted);
         }
+        stack.work.steps += u64::from(live.count_ones());
+        stack.work.skips += u64::from((accepted & !masks.occupied).count_ones());
         for steps in &mut lanes.steps[..T::WIDTH] {
             *steps += 1;
         }
@@ -268,7 +277,7 @@ pub fn advance_curved<S: Simd, T: Scalar>(
                 live &= !(1 << i);
             }
         }
-        lanes.commit(accepted & live);
+        lanes.commit::<T::Register<S>>(simd, accepted & live);
         if course.model.throat.to_f64() > 0.0 {
             let mut todo = masks.crossed & accepted & live;
             while todo != 0 {
@@ -359,6 +368,40 @@ fn beyond_edge<T: Scalar>(course: &Course<T>, lanes: &mut Lanes<T>, outside: u32
     shortened
 }
 
+/// No step goes across the rim, where the gradient of the index jumps: one of `live` that would is taken again, to a little before it, and
+/// one that ends there is put on the other side. Returns the lanes that were.
+fn meet_rim<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>, lanes: &mut Lanes<T>, live: u32, accepted: &mut u32) -> u32 {
+    let model = course.model;
+    let rim = model.rim.to_f64();
+    let slack = T::RIM_SLACK * rim;
+    let mut crossing = 0;
+    for i in (0..T::WIDTH).filter(|i| live >> i & 1 == 1) {
+        let at = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
+        let from_origin = |x: [T; 3]| [0, 1, 2].map(|axis| (x[axis] - model.origin[axis]).to_f64());
+        let length = |v: [f64; 3]| dot(v, v).sqrt();
+        let (x, v) = (at(&lanes.next.x), at(&lanes.next.v));
+        let there = from_origin(x);
+        let (near, far) = (length(from_origin(at(&lanes.x))) - rim, length(there) - rim);
+        let velocity = v.map(Real::to_f64);
+        let speed = length(velocity);
+        let cosine = -near.signum() * dot(there, velocity) / (length(there) * speed);
+        if near * far < 0.0 && near.abs() > slack {
+            lanes.next.h[i] = lanes.h[i] * T::from_f64((near - 0.5 * near.signum() * slack) / (near - far));
+            *accepted &= !(1 << i);
+        } else if *accepted >> i & 1 == 1 && near * far > 0.0 && far.abs() <= slack && cosine > 0.0 {
+            let jump = (far.abs() + 0.5 * slack) / cosine.max(RIM_COSINE);
+            let x = along(x, v, T::from_f64(jump / speed));
+            let (v, a) = (functions.rate)((), model, x, at(&lanes.next.p), lanes.energy[i], lanes.sense[i], lanes.parameter[i] + lanes.h[i]);
+            for axis in 0..3 {
+                (lanes.next.x[axis][i], lanes.next.v[axis][i], lanes.next.a[axis][i]) = (x[axis], v[axis], a[axis]);
+            }
+            lanes.next.travelled[i] = lanes.next.travelled[i] + T::from_f64(jump);
+            crossing |= 1 << i;
+        }
+    }
+    crossing
+}
+
 /// Where a step ends with respect to where the ray is to stop.
 enum Approach {
     /// Short of it.
@@ -381,9 +424,17 @@ pub fn stop_distance<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T
     }
 }
 
-/// Judges the accepted step of lane `i` by the stop; a step beyond is shortened to where the chord of the distances says it is.
+/// Judges the accepted step of lane `i` by the stop; a step beyond is shortened to where the chord of the distances says it is, unless it
+/// is `crossing` the rim.
 #[inline(always)]
-fn approach_stop<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>, lanes: &mut Lanes<T>, i: usize, euler: bool) -> Approach {
+fn approach_stop<T: Scalar>(
+    course: &Course<T>,
+    functions: &PointFunctions<T>,
+    lanes: &mut Lanes<T>,
+    i: usize,
+    euler: bool,
+    crossing: bool,
+) -> Approach {
     let x = [lanes.next.x[0][i], lanes.next.x[1][i], lanes.next.x[2][i]];
     let (length, parameter) = (lanes.length[i] + lanes.next.travelled[i], lanes.parameter[i] + lanes.h[i]);
     let before = lanes.until[i];
@@ -397,10 +448,11 @@ fn approach_stop<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>, l
         lanes.until[i] = after;
         return if -after.to_f64() < 0.5 * lanes.h[i].to_f64() { Approach::Reached } else { Approach::Before };
     }
-    if armed && after.to_f64().abs() <= slack {
+    let passed = armed && before.to_f64() * after.to_f64() < 0.0;
+    if armed && after.to_f64().abs() <= slack || passed && crossing {
         return Approach::Reached;
     }
-    if armed && before.to_f64() * after.to_f64() < 0.0 {
+    if passed {
         lanes.next.h[i] = lanes.h[i] * (before / (before - after));
         return Approach::Beyond;
     }
@@ -480,75 +532,73 @@ fn finish<T: Scalar>(
     land(lanes.index[i], solo.landing(status, &observed));
 }
 
-/// Puts the next ray that has to be integrated into lane `i`; rays that end before are reported. False when none is left.
-#[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "the state of one loop, split so that it can be read")]
-fn refill<S: Simd, T: Scalar>(
-    simd: S,
-    course: &Course<T>,
-    functions: &PointFunctions<T>,
-    stack: &mut TraversalStack,
-    lanes: &mut Lanes<T>,
-    i: usize,
-    next: &mut usize,
+/// Rays that were launched together and wait for lanes that are free.
+struct Waiting<T> {
+    lanes: Lanes<T>,
+    /// How many there are.
     count: usize,
-    launch: &impl Fn(usize) -> Launch<T>,
-    land: &mut impl FnMut(usize, Landing<T>),
-) -> bool {
-    let (scene, model) = (course.scene, course.model);
-    let center = region_center(course);
-    let radius = T::from_f64(f64::from(scene.region_radius));
-    while *next < count {
-        let index = *next;
-        *next += 1;
-        let ray = launch(index);
-        let mut solo = Solo::new(&ray);
-        let entry = enter_sphere(solo.x, solo.d, center, radius);
-        if entry.to_f64() != 0.0 {
-            // The ray starts outside: it goes straight to the region, or past it.
-            let margin = 1.0 + T::REGION_MARGIN;
-            let distance = if entry.to_f64() < 0.0 { T::from_f64(f64::from(FAR)) } else { T::from_f64(entry.to_f64() * margin) };
-            let ended = solo.cross(simd, course, stack, distance);
-            let status = if entry.to_f64() < 0.0 { Some(ended.unwrap_or(STATUS_ESCAPED)) } else { ended };
-            if let Some(status) = status {
-                land(index, solo.landing(status, &Observed::flat()));
-                continue;
+    /// How many have gone.
+    taken: usize,
+    /// The ray to be launched next.
+    next: usize,
+}
+
+impl<T: Scalar> Waiting<T> {
+    /// Launches the next rays that have to be integrated; rays that end before are reported. False when none is left.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "the state of one loop, split so that it can be read")]
+    fn fill<S: Simd>(
+        &mut self,
+        simd: S,
+        course: &Course<T>,
+        functions: &PointFunctions<T>,
+        kernels: &ModelKernels<S, T>,
+        stack: &mut TraversalStack,
+        count: usize,
+        launch: &impl Fn(usize) -> Launch<T>,
+        land: &mut impl FnMut(usize, Landing<T>),
+    ) -> bool {
+        let scene = course.scene;
+        let center = region_center(course);
+        let radius = T::from_f64(f64::from(scene.region_radius));
+        let lanes = &mut self.lanes;
+        (self.count, self.taken) = (0, 0);
+        while self.count < T::WIDTH && self.next < count {
+            let index = self.next;
+            self.next += 1;
+            let ray = launch(index);
+            let mut solo = Solo::new(&ray);
+            let entry = enter_sphere(solo.x, solo.d, center, radius);
+            if entry.to_f64() != 0.0 {
+                // The ray starts outside: it goes straight to the region, or past it.
+                let margin = 1.0 + T::REGION_MARGIN;
+                let distance = if entry.to_f64() < 0.0 { T::from_f64(f64::from(FAR)) } else { T::from_f64(entry.to_f64() * margin) };
+                let ended = solo.cross(simd, course, stack, distance);
+                let status = if entry.to_f64() < 0.0 { Some(ended.unwrap_or(STATUS_ESCAPED)) } else { ended };
+                if let Some(status) = status {
+                    land(index, solo.landing(status, &Observed::flat()));
+                    continue;
+                }
             }
+            let i = self.count;
+            self.count += 1;
+            for axis in 0..3 {
+                lanes.x[axis][i] = solo.x[axis];
+                lanes.p[axis][i] = solo.d[axis];
+            }
+            lanes.energy[i] = ray.speed;
+            lanes.sense[i] = ray.sense;
+            lanes.width[i] = T::from_f64(f64::from(ray.width));
+            lanes.spread[i] = T::from_f64(f64::from(ray.spread));
+            lanes.length[i] = solo.length;
+            lanes.until[i] = stop_distance(course, functions, solo.x, solo.length, T::from_f64(0.0));
+            lanes.index[i] = index;
+            lanes.chords[i] = solo.chords;
+            lanes.side[i] = ray.side;
         }
-        let (p, energy, frequency) = (functions.launch)((), model, solo.x, solo.d, ray.speed, ray.sense);
-        let zero = T::from_f64(0.0);
-        let (v, a) = (functions.rate)((), model, solo.x, p, energy, ray.sense, zero);
-        let flight = Flight { x: solo.x, p, v, a };
-        let speed = dot(v, v).sqrt();
-        let safe = (functions.safe_step)((), model, solo.x);
-        let h = if !fixed_step(scene, model) {
-            first_step((), &flight, safe)
-        } else if scene.method == METHOD_RUNGE_KUTTA {
-            model.step / speed
-        } else {
-            model.step
-        };
-        for axis in 0..3 {
-            lanes.x[axis][i] = solo.x[axis];
-            lanes.p[axis][i] = p[axis];
-            lanes.v[axis][i] = v[axis];
-            lanes.a[axis][i] = a[axis];
+        if self.count > 0 {
+            (kernels.launch)(simd, course, lanes);
         }
-        lanes.h[i] = h;
-        lanes.safe[i] = safe;
-        lanes.parameter[i] = zero;
-        lanes.energy[i] = energy;
-        lanes.sense[i] = ray.sense;
-        lanes.frequency[i] = frequency;
-        lanes.width[i] = T::from_f64(f64::from(ray.width));
-        lanes.spread[i] = T::from_f64(f64::from(ray.spread));
-        lanes.length[i] = solo.length;
-        lanes.until[i] = stop_distance(course, functions, solo.x, lanes.length[i], zero);
-        lanes.index[i] = index;
-        lanes.steps[i] = 0;
-        lanes.chords[i] = solo.chords;
-        lanes.side[i] = ray.side;
-        return true;
+        self.count > 0
     }
-    false
 }

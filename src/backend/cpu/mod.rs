@@ -3,8 +3,9 @@
 pub mod advance;
 pub mod step;
 
+use super::timing::{Dispatch, Profiling, Recorder, RoundCounts, Submission, Timings, now};
 use super::{
-    Backend, Canvas, Development, KernelTiming, Precision, Prepared, RawLanding, Stop, TraceOptions, TraceRay, TraceResult, Tracer, widen,
+    Backend, Canvas, Development, Precision, Prepared, RawLanding, Stop, TraceOptions, TraceRay, TraceResult, Tracer, widen,
 };
 use crate::dispatch;
 use crate::error::{Error, Result};
@@ -16,15 +17,14 @@ use crate::kernels::layout::{Aov, SceneParameters};
 use crate::kernels::path::*;
 use crate::kernels::rng::pixel_seed;
 use crate::kernels::view::SceneView;
+use crate::kernels::work::Work;
 use crate::spacetime::ModelKind;
 use crate::world::{Reach, World};
 use advance::{Landing, Launch, advance_curved, advance_straight};
 use fearless_simd::Level;
 use rayon::prelude::*;
 use std::ops::Range;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use step::{Course, Scalar};
 
 /// Pixels of one unit of work: their paths fit the second-level cache.
@@ -32,8 +32,13 @@ const BATCH: usize = 1024;
 /// Rows of a batch, so that its rays stay close together.
 const BATCH_ROWS: usize = 8;
 
-/// Stages whose time is reported.
-const STAGES: [&str; 3] = ["generate", "advance", "shade"];
+/// Names of the stages whose time is reported.
+struct Stages {
+    generate: Arc<str>,
+    advance: Arc<str>,
+    shade: Arc<str>,
+    resolve: Arc<str>,
+}
 
 /// Renders on the processor.
 pub struct CpuBackend {
@@ -45,8 +50,8 @@ pub struct CpuBackend {
     models: (ModelBlock<f32>, ModelBlock<f64>),
     precision: Precision,
     film: Film,
-    stage_nanos: [AtomicU64; 3],
-    batches: AtomicU64,
+    stages: Stages,
+    recorder: Mutex<Recorder>,
 }
 
 /// Rays that can be advanced, in both precisions.
@@ -89,6 +94,7 @@ impl CpuBackend {
             .num_threads(threads.unwrap_or(0))
             .build()
             .map_err(|e| Error::Usage { argument: "--threads".into(), reason: e.to_string() })?;
+        let recorder = Recorder::new("thread", pool.current_num_threads() as u32);
         Ok(CpuBackend {
             pool,
             level: Level::new(),
@@ -97,8 +103,8 @@ impl CpuBackend {
             models: Default::default(),
             precision: Precision::F32,
             film: Film::new(0, 0, 0),
-            stage_nanos: Default::default(),
-            batches: AtomicU64::new(0),
+            stages: Stages { generate: "generate".into(), advance: "advance".into(), shade: "shade".into(), resolve: "resolve".into() },
+            recorder: Mutex::new(recorder),
         })
     }
 
@@ -107,7 +113,10 @@ impl CpuBackend {
     }
 
     fn accumulate_in<T: Advance>(&mut self, rows: Range<u32>, samples: Range<u32>) -> Result<()> {
+        let _span = tracing::debug_span!("accumulate", ?rows, ?samples).entered();
+        let start = now();
         let world = self.world()?;
+        let counting = lock(&self.recorder).profiling() == Profiling::Counters;
         let width = self.film.width as usize;
         let band = BATCH_ROWS * width;
         let span = rows.start as usize * width..rows.end as usize * width;
@@ -120,8 +129,9 @@ impl CpuBackend {
             width,
             first_sample: self.film.first_sample,
             samples,
-            nanos: &self.stage_nanos,
-            batches: &self.batches,
+            stages: &self.stages,
+            counting,
+            recorder: &self.recorder,
         };
         let film = &mut self.film;
         let (sums, counts, aovs) = (&mut film.sums[span.clone()], &mut film.counts[span.clone()], &mut film.aovs[span]);
@@ -137,6 +147,8 @@ impl CpuBackend {
                 })
         });
         self.film.statistics.add(statistics);
+        let time = now() - start;
+        lock(&self.recorder).submission(Submission { start, submit: 0, wait: time, span: time });
         Ok(())
     }
 
@@ -194,8 +206,10 @@ struct Shared<'a, T> {
     width: usize,
     first_sample: u32,
     samples: Range<u32>,
-    nanos: &'a [AtomicU64; 3],
-    batches: &'a AtomicU64,
+    stages: &'a Stages,
+    /// Whether what each bounce takes is wanted.
+    counting: bool,
+    recorder: &'a Mutex<Recorder>,
 }
 
 /// Scratch space of a worker.
@@ -249,10 +263,12 @@ impl<T: Advance> Shared<'_, T> {
             stop: Stop::Never,
             drift: sample == self.first_sample,
         };
+        let stages = self.stages;
         let mut clock = StageClock::new();
         scratch.paths.clear();
         dispatch!(self.level, _simd => scratch.paths.extend(pixels.iter().map(#[inline(always)] |&(x, y)| start_path(view, x, y, sample))));
-        let mut nanos = [clock.lap(), 0, 0];
+        clock.lap(&stages.generate, None);
+        let mut bounce = 0;
         let mut active: Vec<u32> = (0..pixels.len() as u32).collect();
         let mut first_aovs: Vec<Option<Aov>> = Vec::new();
         let wants_aovs = sample == self.first_sample;
@@ -278,11 +294,16 @@ impl<T: Advance> Shared<'_, T> {
                 arrivals[i] = Some(landing.arrival);
             });
             course.drift = false;
-            nanos[1] += clock.lap();
+            clock.lap(&stages.advance, Some(bounce));
+            let work = std::mem::take(&mut scratch.stack.work);
+            if self.counting {
+                self.count(bounce, pixels.len(), &scratch.arrivals, work);
+            }
             dispatch!(self.level, _simd => {
                 self.shade_all(pixels, sample, scratch, &mut active, statistics, wants_aovs.then_some(&mut first_aovs))
             });
-            nanos[2] += clock.lap();
+            clock.lap(&stages.shade, Some(bounce));
+            bounce += 1;
         }
         for (i, path) in scratch.paths.iter().enumerate() {
             let aov = first_aovs.get(i).copied().flatten();
@@ -290,10 +311,16 @@ impl<T: Advance> Shared<'_, T> {
                 statistics.invalid += 1;
             }
         }
-        for (total, own) in self.nanos.iter().zip(nanos) {
-            total.fetch_add(own, Ordering::Relaxed);
-        }
-        self.batches.fetch_add(1, Ordering::Relaxed);
+        clock.lap(&stages.resolve, None);
+        let mut recorder = lock(self.recorder);
+        clock.laps.into_iter().for_each(|lap| recorder.dispatch(lap));
+    }
+
+    /// Records what a bounce of a batch of paths took.
+    fn count(&self, bounce: u32, slots: usize, arrivals: &[Option<Arrival>], work: Work) {
+        let hits = arrivals.iter().flatten().filter(|a| a.status == STATUS_HIT).count() as u64;
+        let rays = arrivals.len() as u64;
+        lock(self.recorder).count(bounce, &RoundCounts { slots: slots as u64, rays, hits, misses: rays - hits, work });
     }
 }
 
@@ -339,18 +366,28 @@ impl<T: Advance> Shared<'_, T> {
     }
 }
 
-/// Measures consecutive stages.
-struct StageClock(Instant);
+/// The recorder, whatever became of a thread that held it.
+fn lock(recorder: &Mutex<Recorder>) -> MutexGuard<'_, Recorder> {
+    recorder.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Measures consecutive stages of a batch.
+struct StageClock {
+    worker: usize,
+    last: u64,
+    laps: Vec<Dispatch>,
+}
 
 impl StageClock {
     fn new() -> Self {
-        StageClock(Instant::now())
+        StageClock { worker: rayon::current_thread_index().unwrap_or(0), last: now(), laps: Vec::with_capacity(32) }
     }
-    fn lap(&mut self) -> u64 {
-        let now = Instant::now();
-        let nanos = (now - self.0).as_nanos() as u64;
-        self.0 = now;
-        nanos
+
+    /// Ends a stage; the next one begins.
+    fn lap(&mut self, stage: &Arc<str>, round: Option<u32>) {
+        let end = now();
+        self.laps.push(Dispatch { kernel: stage.clone(), round, worker: self.worker, start: self.last, duration: end - self.last });
+        self.last = end;
     }
 }
 
@@ -400,11 +437,12 @@ impl Backend for CpuBackend {
         }
     }
 
-    fn timings(&mut self) -> Vec<KernelTiming> {
-        let count = self.batches.swap(0, Ordering::Relaxed);
-        let threads = self.pool.current_num_threads() as u64;
-        let time = |nanos: &AtomicU64| Duration::from_nanos(nanos.swap(0, Ordering::Relaxed) / threads);
-        STAGES.iter().zip(&self.stage_nanos).map(|(name, n)| KernelTiming { kernel: (*name).into(), count, time: time(n) }).collect()
+    fn set_profiling(&mut self, profiling: Profiling) {
+        lock(&self.recorder).set_profiling(profiling);
+    }
+
+    fn timings(&mut self) -> Timings {
+        lock(&self.recorder).take()
     }
 }
 

@@ -17,6 +17,8 @@ pub trait Scalar: Real + Lane<Real = Self, Mask = bool, Token = ()> {
     const TOLERANCE_FLOOR: f64;
     /// How far inside the bending region a ray that enters it is put, as a share of the way to it.
     const REGION_MARGIN: f64;
+    /// How near a rim counts as on it, as a share of its radius.
+    const RIM_SLACK: f64;
     /// Rays that are stepped at once.
     const WIDTH: usize;
     /// The register that holds them.
@@ -26,6 +28,7 @@ pub trait Scalar: Real + Lane<Real = Self, Mask = bool, Token = ()> {
 impl Scalar for f32 {
     const TOLERANCE_FLOOR: f64 = TOLERANCE_FLOOR_F32;
     const REGION_MARGIN: f64 = REGION_MARGIN_F32;
+    const RIM_SLACK: f64 = RIM_SLACK_F32;
     const WIDTH: usize = 16;
     type Register<S: Simd> = f32x16<S>;
 }
@@ -33,28 +36,48 @@ impl Scalar for f32 {
 impl Scalar for f64 {
     const TOLERANCE_FLOOR: f64 = TOLERANCE_FLOOR_F64;
     const REGION_MARGIN: f64 = REGION_MARGIN_F64;
+    const RIM_SLACK: f64 = RIM_SLACK_F64;
     const WIDTH: usize = 8;
     type Register<S: Simd> = f64x8<S>;
 }
 
-/// Takes the lanes one step along: `next.x`, `next.p`, `next.v`, `next.a`, the errors and the safe steps there; returns the lanes that
-/// are captured there, as bits. Compiled for each model.
-pub type Integrate<S, T> = fn(S, &Course<T>, &mut Lanes<T>) -> u32;
+/// What is compiled for each model, on registers of instruction set `S`.
+pub struct ModelKernels<S, T> {
+    /// Gives all lanes momenta, energies, frequencies, velocities, forces and first steps. Before, the momentum of a lane is its unit
+    /// direction in the local frame, the energy its launch speed.
+    pub launch: fn(S, &Course<T>, &mut Lanes<T>),
+    /// Takes all lanes one step along: `next.x`, `next.p`, `next.v`, `next.a`, the errors and the safe steps there; returns the lanes that
+    /// are captured there, as bits.
+    pub integrate: fn(S, &Course<T>, &mut Lanes<T>) -> u32,
+}
 
-/// The integration through a model, on registers of instruction set `S`.
-pub fn integrate_kernel<S: Simd, T: Scalar>(kind: ModelKind) -> Integrate<S, T> {
-    fn kernel<M: Model, S: Simd, T: Scalar>(simd: S, course: &Course<T>, lanes: &mut Lanes<T>) -> u32 {
-        simd.vectorize(
-            #[inline(always)]
-            || integrate_lanes::<M, T::Register<S>, T>(simd, course, lanes),
-        )
+impl<S: Simd, T: Scalar> ModelKernels<S, T> {
+    /// The kernels of a model.
+    pub fn of(kind: ModelKind) -> Self {
+        fn launch<M: Model, S: Simd, T: Scalar>(simd: S, course: &Course<T>, lanes: &mut Lanes<T>) {
+            simd.vectorize(
+                #[inline(always)]
+                || launch_lanes::<M, T::Register<S>, T>(simd, course, lanes),
+            )
+        }
+        fn integrate<M: Model, S: Simd, T: Scalar>(simd: S, course: &Course<T>, lanes: &mut Lanes<T>) -> u32 {
+            simd.vectorize(
+                #[inline(always)]
+                || integrate_lanes::<M, T::Register<S>, T>(simd, course, lanes),
+            )
+        }
+        macro_rules! choose {
+            ($(($name:ident, $stem:ident, $class:ident)),+ $(,)?) => {
+                match kind {
+                    $(ModelKind::$name => ModelKernels {
+                        launch: launch::<crate::spacetime::$name, S, T>,
+                        integrate: integrate::<crate::spacetime::$name, S, T>,
+                    }),+
+                }
+            };
+        }
+        crate::for_each_model!(choose)
     }
-    macro_rules! choose {
-        ($(($name:ident, $stem:ident, $class:ident)),+ $(,)?) => {
-            match kind { $(ModelKind::$name => kernel::<crate::spacetime::$name, S, T>),+ }
-        };
-    }
-    crate::for_each_model!(choose)
 }
 
 /// What all rays of a batch share.
@@ -100,8 +123,8 @@ pub struct Lanes<T> {
     pub width: Row<T>,
     /// Growth of the cones.
     pub spread: Row<T>,
-    /// Coordinate lengths that the model allows the steps.
-    pub safe: Row<T>,
+    /// Lengths by which the errors of the steps are measured.
+    pub detail: Row<T>,
     /// Coordinate lengths so far.
     pub length: Row<T>,
     /// Signed distances from where the rays are to stop: negative before it.
@@ -132,6 +155,8 @@ pub struct Next<T> {
     pub error: Row<T>,
     /// Coordinate lengths that the model allows the next steps.
     pub safe: Row<T>,
+    /// Lengths by which their errors are measured.
+    pub detail: Row<T>,
     /// Lengths of the next steps.
     pub h: Row<T>,
     /// Coordinate lengths of the steps.
@@ -174,7 +199,7 @@ impl<T: Scalar> Lanes<T> {
             frequency: one,
             width: one,
             spread: zero,
-            safe: one,
+            detail: one,
             length: zero,
             until: zero,
             next: Next {
@@ -184,6 +209,7 @@ impl<T: Scalar> Lanes<T> {
                 a: [zero; 3],
                 error: zero,
                 safe: zero,
+                detail: zero,
                 h: zero,
                 travelled: zero,
                 cone: zero,
@@ -205,20 +231,54 @@ impl<T: Scalar> Lanes<T> {
 
     /// Moves the lanes of `accepted` to the end of their step.
     #[inline(always)]
-    pub fn commit(&mut self, accepted: u32) {
-        for i in 0..MAX_LANES {
-            let moves = accepted >> i & 1 == 1;
-            for axis in 0..3 {
-                self.x[axis][i] = if moves { self.next.x[axis][i] } else { self.x[axis][i] };
-                self.p[axis][i] = if moves { self.next.p[axis][i] } else { self.p[axis][i] };
-                self.v[axis][i] = if moves { self.next.v[axis][i] } else { self.v[axis][i] };
-                self.a[axis][i] = if moves { self.next.a[axis][i] } else { self.a[axis][i] };
+    pub fn commit<L: Lane<Real = T>>(&mut self, token: L::Token, accepted: u32) {
+        let flags: Row<T> = std::array::from_fn(
+            #[inline(always)]
+            |i| T::from_f64(f64::from(accepted >> i & 1)),
+        );
+        let moves = L::constant(token, 0.0).lt(L::load(token, &flags));
+        let next = &self.next;
+        for axis in 0..3 {
+            for (row, moved) in [
+                (&mut self.x[axis], &next.x[axis]),
+                (&mut self.p[axis], &next.p[axis]),
+                (&mut self.v[axis], &next.v[axis]),
+                (&mut self.a[axis], &next.a[axis]),
+            ] {
+                L::select(moves, L::load(token, moved), L::load(token, row)).store(row);
             }
-            self.parameter[i] = if moves { self.parameter[i] + self.h[i] } else { self.parameter[i] };
-            self.length[i] = if moves { self.length[i] + self.next.travelled[i] } else { self.length[i] };
-            self.safe[i] = if moves { self.next.safe[i] } else { self.safe[i] };
-            self.h[i] = self.next.h[i];
         }
+        L::select(moves, L::load(token, &next.detail), L::load(token, &self.detail)).store(&mut self.detail);
+        for (row, gain) in [(&mut self.parameter, &self.h), (&mut self.length, &next.travelled)] {
+            let before = L::load(token, row);
+            L::select(moves, before + L::load(token, gain), before).store(row);
+        }
+        self.h = next.h;
+    }
+
+    /// Puts the ray in lane `from` of `other` into lane `to`.
+    #[inline(always)]
+    pub fn take(&mut self, to: usize, other: &Lanes<T>, from: usize) {
+        for axis in 0..3 {
+            self.x[axis][to] = other.x[axis][from];
+            self.p[axis][to] = other.p[axis][from];
+            self.v[axis][to] = other.v[axis][from];
+            self.a[axis][to] = other.a[axis][from];
+        }
+        self.h[to] = other.h[from];
+        self.parameter[to] = other.parameter[from];
+        self.energy[to] = other.energy[from];
+        self.sense[to] = other.sense[from];
+        self.frequency[to] = other.frequency[from];
+        self.width[to] = other.width[from];
+        self.spread[to] = other.spread[from];
+        self.detail[to] = other.detail[from];
+        self.length[to] = other.length[from];
+        self.until[to] = other.until[from];
+        self.index[to] = other.index[from];
+        self.steps[to] = other.steps[from];
+        self.chords[to] = other.chords[from];
+        self.side[to] = other.side[from];
     }
 }
 
@@ -226,6 +286,33 @@ impl<T: Scalar> Lanes<T> {
 pub fn fixed_step<T: Real>(scene: &SceneParameters, model: &ModelBlock<T>) -> bool {
     matches!(scene.method, METHOD_EULER | METHOD_SYMPLECTIC | METHOD_LEAPFROG)
         || (scene.method == METHOD_RUNGE_KUTTA && model.tableau[1].to_f64() == 0.0)
+}
+
+/// Launches every lane into the model `M`.
+#[inline(always)]
+fn launch_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Course<T>, lanes: &mut Lanes<T>) {
+    let (scene, model) = (course.scene, course.model);
+    let (x, direction) = (load3(token, &lanes.x), load3(token, &lanes.p));
+    let sense = L::load(token, &lanes.sense);
+    let (p, energy, frequency) = M::launch::<L>(token, model, x, direction, L::load(token, &lanes.energy), sense);
+    let (v, a) = M::rate::<L>(token, model, x, p, energy, sense, L::constant(token, 0.0));
+    let (safe, detail) = M::safe_step::<L>(token, model, x);
+    let h = if !fixed_step(scene, model) {
+        first_step(token, &Flight { x, p, v, a }, safe)
+    } else if scene.method == METHOD_RUNGE_KUTTA {
+        L::splat(token, model.step) / dot(v, v).sqrt()
+    } else {
+        L::splat(token, model.step)
+    };
+    for axis in 0..3 {
+        p[axis].store(&mut lanes.p[axis]);
+        v[axis].store(&mut lanes.v[axis]);
+        a[axis].store(&mut lanes.a[axis]);
+    }
+    energy.store(&mut lanes.energy);
+    frequency.store(&mut lanes.frequency);
+    h.store(&mut lanes.h);
+    detail.store(&mut lanes.detail);
 }
 
 /// Steps every lane once through the model `M`.
@@ -245,7 +332,9 @@ fn integrate_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, cour
     let frequency = L::load(token, &lanes.frequency);
     let captured = M::capture_distance::<L>(token, model, moved.x, moved.p, frequency, charge.sense).lt(L::constant(token, 0.0));
     let next = &mut lanes.next;
-    M::safe_step::<L>(token, model, moved.x).store(&mut next.safe);
+    let (safe, detail) = M::safe_step::<L>(token, model, moved.x);
+    safe.store(&mut next.safe);
+    detail.store(&mut next.detail);
     error.store(&mut next.error);
     for axis in 0..3 {
         moved.x[axis].store(&mut next.x[axis]);
@@ -280,7 +369,7 @@ pub fn integrate_alone<T: Scalar>(course: &Course<T>, functions: &PointFunctions
         let alive = (functions.capture_distance)((), model, moved.x, moved.p, lanes.frequency[i], sense);
         captured |= u32::from(alive.to_f64() < 0.0) << i;
         let next = &mut lanes.next;
-        next.safe[i] = (functions.safe_step)((), model, moved.x);
+        (next.safe[i], next.detail[i]) = (functions.safe_step)((), model, moved.x);
         next.error[i] = T::from_f64(0.0);
         for axis in 0..3 {
             next.x[axis][i] = moved.x[axis];
@@ -309,7 +398,7 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
     let cone = L::load(token, &lanes.spread).mul_add(length, L::load(token, &lanes.width));
     let size = flight.x[0].max(-flight.x[0]).max(flight.x[1].max(-flight.x[1])).max(flight.x[2].max(-flight.x[2]));
     let floor = size * L::constant(token, T::TOLERANCE_FLOOR);
-    let cap = L::load(token, &lanes.safe) * L::constant(token, SAFE_TOLERANCE);
+    let cap = L::load(token, &lanes.detail) * L::constant(token, DETAIL_TOLERANCE);
     let tolerance = (cone * L::constant(token, f64::from(scene.tolerance))).min(cap).max(floor);
     let good = error.lt(tolerance);
     let accepted = if fixed { u32::MAX } else { L::bits(good) };

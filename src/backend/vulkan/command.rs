@@ -4,11 +4,10 @@ use super::buffer::Buffer;
 use super::device::Device;
 use super::instance::vulkan;
 use super::pipeline::{Layout, Pipeline};
+use crate::backend::timing::{Dispatch, Profiling, Recorder, RoundCounts, Submission, Timings, now};
 use crate::error::{Error, Result};
 use ash::vk;
-use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::Duration;
 
 /// Timestamps of one submission.
 const MAX_QUERIES: u32 = 1024;
@@ -20,9 +19,13 @@ pub struct Commands {
     buffer: vk::CommandBuffer,
     fence: vk::Fence,
     queries: vk::QueryPool,
-    /// Kernel of each pair of timestamps in the recording.
-    timed: Vec<String>,
-    totals: BTreeMap<String, (u64, Duration)>,
+    /// Kernel and round of each pair of timestamps in the recording.
+    timed: Vec<(Arc<str>, Option<u32>)>,
+    /// Round that dispatches are recorded in.
+    round: Option<u32>,
+    /// When the recording began.
+    begun: u64,
+    recorder: Recorder,
     in_flight: String,
 }
 
@@ -42,6 +45,10 @@ impl Commands {
             let fence = d.create_fence(&vk::FenceCreateInfo::default(), None).map_err(vulkan("vkCreateFence"))?;
             let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(MAX_QUERIES);
             let queries = d.create_query_pool(&info, None).map_err(vulkan("vkCreateQueryPool"))?;
+            device.set_name(pool, "command pool");
+            device.set_name(buffer, "commands");
+            device.set_name(fence, "submission");
+            device.set_name(queries, "timestamps");
             Ok(Commands {
                 device: device.clone(),
                 pool,
@@ -49,7 +56,9 @@ impl Commands {
                 fence,
                 queries,
                 timed: vec![],
-                totals: BTreeMap::new(),
+                round: None,
+                begun: 0,
+                recorder: Recorder::new("queue", 1),
                 in_flight: String::new(),
             })
         }
@@ -57,6 +66,8 @@ impl Commands {
 
     /// Starts a recording.
     pub fn begin(&mut self) -> Result<()> {
+        self.begun = now();
+        self.round = None;
         self.timed.clear();
         self.in_flight.clear();
         let d = &self.device.raw;
@@ -69,6 +80,18 @@ impl Commands {
             }
         }
         Ok(())
+    }
+
+    /// Starts a round: what is dispatched until its end is recorded under its number.
+    pub fn begin_round(&mut self, round: u32) {
+        self.round = Some(round);
+        self.device.begin_label(self.buffer, &format!("round {round}"));
+    }
+
+    /// Ends a round.
+    pub fn end_round(&mut self) {
+        self.round = None;
+        self.device.end_label(self.buffer);
     }
 
     /// Makes all that was written visible to all that follows.
@@ -125,6 +148,7 @@ impl Commands {
         let d = &self.device.raw;
         let query = 2 * self.timed.len() as u32;
         let timed = self.device.report.timestamps && query + 2 <= MAX_QUERIES;
+        self.device.begin_label(self.buffer, &pipeline.name);
         // SAFETY: all handles belong to this device and live until the submission has been waited for.
         unsafe {
             d.cmd_bind_pipeline(self.buffer, vk::PipelineBindPoint::COMPUTE, pipeline.raw);
@@ -138,10 +162,13 @@ impl Commands {
                 d.cmd_write_timestamp(self.buffer, vk::PipelineStageFlags::COMPUTE_SHADER, self.queries, query + 1);
             }
         }
+        self.device.end_label(self.buffer);
         if timed {
-            self.timed.push(pipeline.name.clone());
+            self.timed.push((pipeline.name.clone(), self.round));
+        } else {
+            self.recorder.lose(&pipeline.name);
         }
-        if !self.in_flight.contains(pipeline.name.as_str()) {
+        if !self.in_flight.contains(&*pipeline.name) {
             self.in_flight += if self.in_flight.is_empty() { "" } else { ", " };
             self.in_flight += &pipeline.name;
         }
@@ -156,39 +183,45 @@ impl Commands {
 
     /// Records zeroing a whole buffer.
     pub fn clear(&self, buffer: &Buffer) {
-        // SAFETY: the buffer lives until the submission has been waited for.
-        unsafe { self.device.raw.cmd_fill_buffer(self.buffer, buffer.raw, 0, vk::WHOLE_SIZE, 0) };
+        self.clear_range(buffer, 0, buffer.size & !3);
     }
 
-    /// Records zeroing the first `size` bytes of a buffer, a multiple of 4.
-    pub fn clear_start(&self, buffer: &Buffer, size: u64) {
-        // SAFETY: callers keep the size inside the buffer, which lives until the submission has been waited for.
-        unsafe { self.device.raw.cmd_fill_buffer(self.buffer, buffer.raw, 0, size, 0) };
+    /// Records zeroing `size` bytes of a buffer from byte `offset`, both multiples of 4.
+    pub fn clear_range(&self, buffer: &Buffer, offset: u64, size: u64) {
+        // SAFETY: callers keep the range inside the buffer, which lives until the submission has been waited for.
+        unsafe { self.device.raw.cmd_fill_buffer(self.buffer, buffer.raw, offset, size, 0) };
     }
 
-    /// Submits the recording, waits for it, and adds up its timestamps.
+    /// Submits the recording, waits for it, and takes its times.
     pub fn submit(&mut self) -> Result<()> {
         let lost = |call: &'static str, kernel: &str| {
             let kernel = kernel.to_owned();
             move |e: vk::Result| if e == vk::Result::ERROR_DEVICE_LOST { Error::DeviceLost { kernel } } else { vulkan(call)(e) }
         };
+        let _span = tracing::trace_span!("submission", kernels = %self.in_flight).entered();
         let d = &self.device.raw;
         let buffers = [self.buffer];
         let info = [vk::SubmitInfo::default().command_buffers(&buffers)];
         let fences = [self.fence];
         // SAFETY: the recording is complete; nothing it uses is freed before the fence has signalled.
-        unsafe {
+        let (submitted, done) = unsafe {
             d.end_command_buffer(self.buffer).map_err(vulkan("vkEndCommandBuffer"))?;
             d.queue_submit(*self.device.queue(), &info, self.fence).map_err(lost("vkQueueSubmit", &self.in_flight))?;
+            let submitted = now();
             d.wait_for_fences(&fences, true, u64::MAX).map_err(lost("vkWaitForFences", &self.in_flight))?;
+            let done = now();
             d.reset_fences(&fences).map_err(vulkan("vkResetFences"))?;
-        }
-        self.collect_times()
+            (submitted, done)
+        };
+        let span = self.collect_times(done)?;
+        self.recorder.submission(Submission { start: self.begun, submit: submitted - self.begun, wait: done - submitted, span });
+        Ok(())
     }
 
-    fn collect_times(&mut self) -> Result<()> {
+    /// Records the dispatches of a submission that was seen to end at `done`; returns how long it took the device.
+    fn collect_times(&mut self, done: u64) -> Result<u64> {
         if self.timed.is_empty() {
-            return Ok(());
+            return Ok(0);
         }
         let mut ticks = vec![0u64; 2 * self.timed.len()];
         // SAFETY: these queries were written by the submission that has just been waited for.
@@ -196,18 +229,36 @@ impl Commands {
             self.device.raw.get_query_pool_results(self.queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT)
         }
         .map_err(vulkan("vkGetQueryPoolResults"))?;
-        for (name, pair) in self.timed.iter().zip(ticks.chunks_exact(2)) {
-            let nanos = pair[1].saturating_sub(pair[0]) as f64 * f64::from(self.device.timestamp_period);
-            let total = self.totals.entry(name.clone()).or_default();
-            total.0 += 1;
-            total.1 += Duration::from_nanos(nanos as u64);
+        let period = f64::from(self.device.timestamp_period);
+        let nanos = |from: u64, to: u64| (to.saturating_sub(from) as f64 * period) as u64;
+        let first = ticks[0];
+        let span = nanos(first, ticks[ticks.len() - 1]);
+        let start = done.saturating_sub(span);
+        for ((kernel, round), pair) in self.timed.drain(..).zip(ticks.chunks_exact(2)) {
+            let (start, duration) = (start + nanos(first, pair[0]), nanos(pair[0], pair[1]));
+            self.recorder.dispatch(Dispatch { kernel, round, worker: 0, start, duration });
         }
-        Ok(())
+        Ok(span)
     }
 
-    /// Dispatches and time per kernel since the last call.
-    pub fn take_times(&mut self) -> BTreeMap<String, (u64, Duration)> {
-        std::mem::take(&mut self.totals)
+    /// How much is measured.
+    pub fn profiling(&self) -> Profiling {
+        self.recorder.profiling()
+    }
+
+    /// Sets how much is measured from now on.
+    pub fn set_profiling(&mut self, profiling: Profiling) {
+        self.recorder.set_profiling(profiling);
+    }
+
+    /// Adds what the kernels did in a round.
+    pub fn count(&mut self, round: u32, counts: &RoundCounts) {
+        self.recorder.count(round, counts);
+    }
+
+    /// What was measured since the last call.
+    pub fn take_timings(&mut self) -> Timings {
+        self.recorder.take()
     }
 }
 

@@ -204,7 +204,7 @@ impl Device {
         }
         // SAFETY: the physical device belongs to the instance and has every feature asked for.
         let raw = unsafe { instance.raw.create_device(report.handle, &info, None) }.map_err(vulkan("vkCreateDevice"))?;
-        let names = instance.validates().then(|| ext::debug_utils::Device::new(&instance.raw, &raw));
+        let names = instance.names(&raw);
         let allocator = Allocator::new(&AllocatorCreateDesc {
             instance: instance.raw.clone(),
             device: raw.clone(),
@@ -216,7 +216,7 @@ impl Device {
         .map_err(|e| Error::Vulkan { call: "gpu-allocator", result: e.to_string() })?;
         // SAFETY: the device was created with one queue of this family.
         let queue = unsafe { raw.get_device_queue(report.queue_family, 0) };
-        Ok(Arc::new(Device {
+        let device = Device {
             queue: Mutex::new(queue),
             queue_family: report.queue_family,
             timestamp_period: report.timestamp_period,
@@ -225,7 +225,9 @@ impl Device {
             names,
             allocator: ManuallyDrop::new(Mutex::new(allocator)),
             instance,
-        }))
+        };
+        device.set_name(queue, "compute queue");
+        Ok(Arc::new(device))
     }
 
     /// The queue, for one submission or presentation: threads take turns, so it is never kept while waiting for a fence.
@@ -244,6 +246,22 @@ impl Device {
             let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
             // SAFETY: the object belongs to this device; a name that cannot be set changes nothing.
             let _ = unsafe { names.set_debug_utils_object_name(&info) };
+        }
+    }
+
+    /// Opens a named group of commands for captures.
+    pub fn begin_label(&self, commands: vk::CommandBuffer, name: &str) {
+        if let (Some(names), Ok(name)) = (&self.names, CString::new(name)) {
+            // SAFETY: the buffer belongs to this device and is being recorded.
+            unsafe { names.cmd_begin_debug_utils_label(commands, &vk::DebugUtilsLabelEXT::default().label_name(&name)) };
+        }
+    }
+
+    /// Closes the group that was opened last.
+    pub fn end_label(&self, commands: vk::CommandBuffer) {
+        if let Some(names) = &self.names {
+            // SAFETY: as above; whoever opened the group closes it in the same recording.
+            unsafe { names.cmd_end_debug_utils_label(commands) };
         }
     }
 }

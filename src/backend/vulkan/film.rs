@@ -94,8 +94,8 @@ impl DeviceFilm {
         self.counts.resize(height as usize, 0);
         self.statistics = Statistics::default();
         commands.begin()?;
-        commands.clear_start(&self.sums, sums);
-        commands.clear_start(&self.aovs, aovs);
+        commands.clear_range(&self.sums, 0, sums);
+        commands.clear_range(&self.aovs, 0, aovs);
         commands.barrier();
         commands.submit()
     }

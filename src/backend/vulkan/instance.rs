@@ -25,6 +25,7 @@ pub struct Instance {
     /// The instance's functions.
     pub raw: ash::Instance,
     debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
+    names: bool,
     /// The loader. Unloads the library; must outlive everything above.
     pub(super) entry: ash::Entry,
 }
@@ -58,6 +59,13 @@ impl Instance {
                 return Err(no_device("NULLRAY_VALIDATION=1 is set but VK_LAYER_KHRONOS_validation is not installed".into()));
             }
             layers.push(VALIDATION_LAYER.as_ptr());
+        }
+        // Names and labels for validation messages and captures: they cost next to nothing, so they are there whenever they can be.
+        // SAFETY: as above.
+        let offered =
+            unsafe { entry.enumerate_instance_extension_properties(None) }.map_err(vulkan("vkEnumerateInstanceExtensionProperties"))?;
+        let names = validate || offered.iter().any(|e| e.extension_name_as_c_str() == Ok(ext::debug_utils::NAME));
+        if names {
             extensions.push(ext::debug_utils::NAME.as_ptr());
         }
         let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
@@ -70,12 +78,15 @@ impl Instance {
         // SAFETY: `info` and everything it points to lives until the call returns; the names of extensions are constants.
         let raw = unsafe { entry.create_instance(&info, None) }.map_err(|e| no_device(format!("no instance: {e}")))?;
         let debug = if validate { Some(messenger(&entry, &raw)?) } else { None };
-        Ok(Instance { raw, debug, entry })
+        Ok(Instance { raw, debug, names, entry })
     }
 
-    /// Whether validation is on, and with it object names.
-    pub fn validates(&self) -> bool {
-        self.debug.is_some()
+    /// The functions that name objects and commands of a device, if there are any.
+    pub fn names(&self, device: &ash::Device) -> Option<ext::debug_utils::Device> {
+        let functions = [c"vkSetDebugUtilsObjectNameEXT", c"vkCmdBeginDebugUtilsLabelEXT", c"vkCmdEndDebugUtilsLabelEXT"];
+        // SAFETY: the device belongs to this instance. A loader may offer the extension for a driver that lacks its functions.
+        let found = |name: &CStr| unsafe { self.raw.get_device_proc_addr(device.handle(), name.as_ptr()) }.is_some();
+        (self.names && functions.into_iter().all(found)).then(|| ext::debug_utils::Device::new(&self.raw, device))
     }
 }
 

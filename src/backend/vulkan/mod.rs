@@ -17,11 +17,12 @@ mod scene;
 pub mod swapchain;
 mod trace;
 
-use super::{Backend, Canvas, Development, KernelTiming, Precision, TraceOptions, TraceRay, TraceResult};
+use super::{Backend, Canvas, Development, Precision, Profiling, RoundCounts, Timings, TraceOptions, TraceRay, TraceResult};
 use crate::error::{Error, Result};
 use crate::film::{Film, Statistics};
 use crate::kernels::constants::*;
 use crate::kernels::layout::SceneParameters;
+use crate::kernels::work::Work;
 use crate::spacetime::ModelKind;
 use crate::world::World;
 use buffer::Buffer;
@@ -50,7 +51,9 @@ const MAX_ROUNDS: u32 = 64;
 /// How often the film is copied to the host, so that a lost device does not lose it.
 const SNAPSHOT_INTERVAL: Duration = Duration::from_secs(10);
 /// Words of the counter buffer (`bindings.glsl`).
-const COUNTERS: u64 = 20;
+const COUNTERS: u64 = 32;
+/// The first of them that counts what following rays took: six counts of two words.
+const WORK: usize = 20;
 
 /// Push constants of every kernel.
 #[repr(C)]
@@ -82,6 +85,8 @@ struct Kernels {
     escape: Pipeline,
     resolve: Pipeline,
     develop: Pipeline,
+    /// `advance` that counts what it does, once that was asked for.
+    counting: Option<Pipeline>,
 }
 
 /// A world on the device and its film.
@@ -167,11 +172,16 @@ impl VulkanBackend {
     }
 
     fn kernel(&self, name: &str) -> Result<Pipeline> {
+        self.specialized_kernel(name, &[])
+    }
+
+    fn specialized_kernel(&self, name: &str, constants: &[u32]) -> Result<Pipeline> {
         let code = kernel_spirv(name).ok_or_else(|| Error::Vulkan { call: "kernel_spirv", result: format!("no kernel `{name}`") })?;
-        Pipeline::new(&self.device, &self.layout, name, code)
+        Pipeline::specialized(&self.device, &self.layout, name, code, constants)
     }
 
     fn kernels(&self, model: ModelKind, precision: Precision) -> Result<Kernels> {
+        let _span = tracing::info_span!("pipelines", model = model.stem()).entered();
         Ok(Kernels {
             generate: self.kernel("generate")?,
             prepare: self.kernel("prepare")?,
@@ -180,6 +190,7 @@ impl VulkanBackend {
             escape: self.kernel("escape")?,
             resolve: self.kernel("resolve")?,
             develop: self.kernel("develop")?,
+            counting: None,
         })
     }
 
@@ -211,14 +222,16 @@ impl VulkanBackend {
                 self.commands.dispatch(&self.layout, &loaded.kernels.prepare, bytemuck::bytes_of(&push), 1);
                 self.commands.barrier();
             }
-            for _ in 0..rounds.clamp(1, MAX_ROUNDS) {
-                push.parity = started % 2;
-                started += 1;
-                self.record_round(&loaded.kernels, push, true);
+            let recorded = started..started + rounds.clamp(1, MAX_ROUNDS);
+            for round in recorded.clone() {
+                push.parity = round % 2;
+                self.record_round(&loaded.kernels, push, round, true);
             }
+            started = recorded.end;
             // Does nothing while paths are left.
             self.commands.dispatch(&self.layout, &loaded.kernels.resolve, bytemuck::bytes_of(&push), pixels.div_ceil(WORKGROUP_SIZE));
             let counts = self.finish_submission()?;
+            self.count_rounds(recorded, push.slot_count)?;
             if counts.remaining == 0 {
                 loaded.film.statistics.add(counts.statistics);
                 return Ok(());
@@ -229,14 +242,23 @@ impl VulkanBackend {
     }
 
     /// Records one round: flight, then shading of what it met.
-    fn record_round(&mut self, kernels: &Kernels, mut push: Push, shading: bool) {
+    fn record_round(&mut self, kernels: &Kernels, mut push: Push, round: u32, shading: bool) {
         let indirect = |word: u64| word * 4;
         let (layout, counters) = (&self.layout, &self.counters);
-        self.commands.dispatch_indirect(layout, &kernels.advance, bytemuck::bytes_of(&push), counters, indirect(0));
+        let counting = kernels.counting.as_ref().filter(|_| shading && self.commands.profiling() == Profiling::Counters);
+        self.commands.begin_round(round);
+        self.commands.dispatch_indirect(layout, counting.unwrap_or(&kernels.advance), bytemuck::bytes_of(&push), counters, indirect(0));
         self.commands.barrier();
         push.stage = 1;
         self.commands.dispatch(layout, &kernels.prepare, bytemuck::bytes_of(&push), 1);
         self.commands.barrier();
+        if counting.is_some() {
+            // Put the counters aside and let those of the work begin anew.
+            self.commands.copy(counters, 0, &self.readback, counters_of(round), COUNTERS * 4);
+            self.commands.barrier();
+            self.commands.clear_range(counters, WORK as u64 * 4, (COUNTERS - WORK as u64) * 4);
+            self.commands.barrier();
+        }
         if shading {
             self.commands.dispatch_indirect(layout, &kernels.shade, bytemuck::bytes_of(&push), counters, indirect(4));
             self.commands.barrier();
@@ -246,6 +268,7 @@ impl VulkanBackend {
         push.stage = 2;
         self.commands.dispatch(layout, &kernels.prepare, bytemuck::bytes_of(&push), 1);
         self.commands.barrier();
+        self.commands.end_round();
     }
 
     /// Submits, waits, and reads the counters.
@@ -253,19 +276,46 @@ impl VulkanBackend {
         self.commands.barrier();
         self.commands.copy(&self.counters, 0, &self.readback, 0, COUNTERS * 4);
         self.commands.submit()?;
-        let bytes = &self.readback.mapped()?[..COUNTERS as usize * 4];
-        let word = |i: usize| u32::from_le_bytes([bytes[4 * i], bytes[4 * i + 1], bytes[4 * i + 2], bytes[4 * i + 3]]);
+        let words = self.read_counters(0)?;
         Ok(Counts {
-            remaining: word(3),
+            remaining: words[3],
             statistics: Statistics {
-                exhausted: u64::from(word(14)),
-                invalid: u64::from(word(15)),
-                rays: u64::from(word(16)) | u64::from(word(17)) << 32,
+                exhausted: u64::from(words[14]),
+                invalid: u64::from(words[15]),
+                rays: u64::from(words[16]) | u64::from(words[17]) << 32,
             },
         })
     }
 
+    /// Counters that a submission has copied to `offset` of the readback buffer.
+    fn read_counters(&mut self, offset: u64) -> Result<Vec<u32>> {
+        let offset = offset as usize;
+        Ok(bytemuck::pod_collect_to_vec(&self.readback.mapped()?[offset..offset + COUNTERS as usize * 4]))
+    }
+
+    /// Takes the counters that `record_round` has put aside in each of `rounds`.
+    fn count_rounds(&mut self, rounds: Range<u32>, slots: u32) -> Result<()> {
+        if self.commands.profiling() != Profiling::Counters {
+            return Ok(());
+        }
+        for round in rounds {
+            let words = self.read_counters(counters_of(round))?;
+            let [rays, hits, misses] = [3, 7, 11].map(|i| u64::from(words[i]));
+            if rays > 0 {
+                let work = std::array::from_fn(|i| u64::from(words[WORK + 2 * i]) | u64::from(words[WORK + 2 * i + 1]) << 32);
+                let work = Work::from_counts(work);
+                self.commands.count(round, &RoundCounts { slots: u64::from(slots), rays, hits, misses, work });
+            }
+        }
+        Ok(())
+    }
+
     fn accumulate_in(&mut self, loaded: &mut Loaded, rows: Range<u32>, samples: Range<u32>) -> Result<()> {
+        let _span = tracing::debug_span!("accumulate", ?rows, ?samples).entered();
+        if self.commands.profiling() == Profiling::Counters && loaded.kernels.counting.is_none() {
+            let name = advance_name(loaded.world.model, loaded.precision);
+            loaded.kernels.counting = Some(self.specialized_kernel(&name, &[1])?);
+        }
         let width = loaded.parameters.film_width;
         let mut row = rows.start;
         while row < rows.end {
@@ -296,6 +346,11 @@ impl VulkanBackend {
         }
         Ok(())
     }
+}
+
+/// Where the counters of a round are put aside in the readback buffer, behind those of the whole submission.
+fn counters_of(round: u32) -> u64 {
+    (1 + u64::from(round % MAX_ROUNDS)) * COUNTERS * 4
 }
 
 /// Name of the kernel that advances rays through a model.
@@ -375,9 +430,12 @@ impl Backend for VulkanBackend {
         outcome
     }
 
-    fn timings(&mut self) -> Vec<KernelTiming> {
-        let times = self.commands.take_times();
-        times.into_iter().map(|(kernel, (count, time))| KernelTiming { kernel, count, time }).collect()
+    fn set_profiling(&mut self, profiling: Profiling) {
+        self.commands.set_profiling(profiling);
+    }
+
+    fn timings(&mut self) -> Timings {
+        self.commands.take_timings()
     }
 }
 

@@ -65,6 +65,11 @@ impl Layout {
             let cache = d
                 .create_pipeline_cache(&vk::PipelineCacheCreateInfo::default().initial_data(&cached), None)
                 .map_err(vulkan("vkCreatePipelineCache"))?;
+            device.set_name(set_layout, "buffers");
+            device.set_name(pool, "descriptor pool");
+            device.set_name(set, "buffers");
+            device.set_name(raw, "pipeline layout");
+            device.set_name(cache, "pipeline cache");
             Ok(Layout { device: device.clone(), raw, set_layout, pool, set, cache, cache_file })
         }
     }
@@ -123,21 +128,35 @@ pub struct Pipeline {
     /// Handle.
     pub raw: vk::Pipeline,
     /// Name of the kernel, for timings and errors.
-    pub name: String,
+    pub name: Arc<str>,
 }
 
 impl Pipeline {
     /// Builds the pipeline of a kernel from SPIR-V.
     pub fn new(device: &Arc<Device>, layout: &Layout, name: &str, code: &[u8]) -> Result<Pipeline> {
+        Pipeline::specialized(device, layout, name, code, &[])
+    }
+
+    /// Builds the pipeline of a kernel with values for its specialisation constants 0, 1 and so on; a true one is 1.
+    pub fn specialized(device: &Arc<Device>, layout: &Layout, name: &str, code: &[u8], constants: &[u32]) -> Result<Pipeline> {
         let words =
             ash::util::read_spv(&mut std::io::Cursor::new(code)).map_err(|e| Error::Vulkan { call: "read_spv", result: e.to_string() })?;
+        let entries: Vec<_> = (0..constants.len() as u32)
+            .map(|i| vk::SpecializationMapEntry::default().constant_id(i).offset(4 * i).size(size_of::<u32>()))
+            .collect();
+        let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(constants));
         // SAFETY: the words are SPIR-V from glslang; the module is destroyed once the pipeline exists.
         unsafe {
             let module = device
                 .raw
                 .create_shader_module(&vk::ShaderModuleCreateInfo::default().code(&words), None)
                 .map_err(vulkan("vkCreateShaderModule"))?;
-            let stage = vk::PipelineShaderStageCreateInfo::default().stage(vk::ShaderStageFlags::COMPUTE).module(module).name(c"main");
+            device.set_name(module, name);
+            let stage = vk::PipelineShaderStageCreateInfo::default()
+                .stage(vk::ShaderStageFlags::COMPUTE)
+                .module(module)
+                .name(c"main")
+                .specialization_info(&specialization);
             let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout.raw)];
             let created = device.raw.create_compute_pipelines(layout.cache, &info, None);
             device.raw.destroy_shader_module(module, None);

@@ -26,6 +26,7 @@ pub struct DeviceScene {
 impl DeviceScene {
     /// Uploads a world.
     pub fn new(device: &Arc<Device>, commands: &mut Commands, world: &World, precision: Precision) -> Result<DeviceScene> {
+        let _span = tracing::info_span!("upload", bytes = world.bytes()).entered();
         let mut staging = Buffer::new(device, "staging", STAGING, MemoryLocation::CpuToGpu)?;
         let model = match precision {
             Precision::F32 => model_bytes::<f32>(world),
@@ -76,12 +77,12 @@ impl DeviceScene {
     }
 }
 
-/// Where parts begin, then origin, step, throat, tableau, parameters and sources in the precision of the integrator.
+/// Where parts begin, then origin, step, throat, rim, tableau, parameters and sources in the precision of the integrator.
 fn model_bytes<T: Real>(world: &World) -> Vec<u8> {
     let block = world.model_block::<T>();
     let stride = world.model.source_stride();
     let count = block.sources.len().checked_div(stride).unwrap_or(0);
-    let mut values: Vec<T> = block.origin.iter().chain([&block.step, &block.throat]).chain(&block.tableau).copied().collect();
+    let mut values: Vec<T> = block.origin.iter().chain([&block.step, &block.throat, &block.rim]).chain(&block.tableau).copied().collect();
     let global_start = values.len();
     values.extend(&block.global);
     let source_start = values.len();

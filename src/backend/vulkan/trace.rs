@@ -67,8 +67,8 @@ impl VulkanBackend {
             }
             for _ in 0..8 {
                 push.parity = started % 2;
+                self.record_round(&loaded.kernels, push, started, false);
                 started += 1;
-                self.record_round(&loaded.kernels, push, false);
             }
             if self.finish_submission()?.remaining == 0 {
                 return Ok(());

@@ -97,6 +97,7 @@ impl ModelFormulas {
         let slope = Vec3(chain(ix, "potential_x"), chain(iy, "potential_y"), chain(iz, "potential_z"));
         let launched = M::energy(&global, x, potential, speed);
         let step = M::safe_step(&global, x);
+        let step = if source_names.is_empty() { step } else { Scalar::min(step, Expr::input("source_step")) };
         let functions = vec![
             Function { name: "rate", arguments: RATE, results: vec![("velocity", components(p)), ("force", components(slope * index))] },
             Function { name: "index_gradient", arguments: GRADIENT, results: vec![("gradient", components(slope))] },
@@ -127,11 +128,7 @@ impl ModelFormulas {
                 arguments: CAPTURE,
                 results: vec![("distance", vec![M::capture_distance(&global, x, potential)])],
             },
-            Function {
-                name: "safe_step",
-                arguments: FRAME,
-                results: vec![("length", vec![if source_names.is_empty() { step } else { Scalar::min(step, Expr::input("source_step")) }])],
-            },
+            safe_step_function(step, step),
         ];
         ModelFormulas {
             global_names,
@@ -195,7 +192,7 @@ impl ModelFormulas {
                 arguments: CAPTURE,
                 results: vec![("distance", vec![M::capture_distance(&global, x, measured / frequency, sense)])],
             },
-            Function { name: "safe_step", arguments: FRAME, results: vec![("length", vec![M::safe_step(&global, x)])] },
+            safe_step_function(M::safe_step(&global, x), M::detail(&global, x)),
         ];
         ModelFormulas { table_point, ..Self::without_sources(global_names, functions) }
     }
@@ -225,7 +222,7 @@ impl ModelFormulas {
             Function { name: "matter_frequency", arguments: MATTER, results: vec![("frequency", vec![one])] },
             Function { name: "far_frequency", arguments: FAR, results: vec![("frequency", vec![one])] },
             Function { name: "capture_distance", arguments: CAPTURE, results: vec![("distance", vec![one])] },
-            Function { name: "safe_step", arguments: FRAME, results: vec![("length", vec![M::safe_step(&global, x)])] },
+            safe_step_function(M::safe_step(&global, x), M::safe_step(&global, x)),
         ];
         Self::without_sources(global_names, functions)
     }
@@ -444,6 +441,11 @@ fn through_table(output: Expr, table: [Expr; 3], point: Option<[Expr; 2]>, x: Ve
 /// The model's own radial coordinate.
 fn radius_function(radius: Expr) -> Function {
     Function { name: "coordinate_radius", arguments: FRAME, results: vec![("radius", vec![radius])] }
+}
+
+/// The longest step, and the length by which its error is measured.
+fn safe_step_function(length: Expr, detail: Expr) -> Function {
+    Function { name: "safe_step", arguments: FRAME, results: vec![("length", vec![length]), ("detail", vec![detail])] }
 }
 
 /// u^t (E - p . w) of matter with time component `u_t` of its four-velocity and coordinate velocity `w`.
