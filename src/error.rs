@@ -61,6 +61,9 @@ pub enum Error {
         /// What is missing.
         missing: String,
     },
+    /// A window cannot be opened or drawn to.
+    #[error("no window: {0}")]
+    Window(String),
     /// The device is out of memory.
     #[error("the device has no memory for {what} ({bytes} bytes); render a smaller film or scene, or use --backend cpu")]
     OutOfMemory {

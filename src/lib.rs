@@ -8,9 +8,10 @@
 //! | [`kernels`] | the renderer itself, twin of the GLSL in `shaders/` |
 //! | [`simd`] | lane types the kernels are generic over |
 //! | [`backend`] | the [`backend::Backend`] trait, on the CPU and on Vulkan |
-//! | [`scheduler`] | which samples next, and when to stop |
+//! | [`scheduler`] | which samples next, how much at a time, and when to stop |
 //! | [`profile`] | where the time of a frame goes |
 //! | [`film`] | sums, AOVs, PNG and EXR |
+//! | [`viewer`] | the window to fly around in |
 //! | [`cli`] | the command line |
 
 #![warn(missing_docs)]
@@ -25,6 +26,7 @@ pub mod scene;
 pub mod scheduler;
 pub mod simd;
 pub mod spacetime;
+pub mod viewer;
 pub mod world;
 
 pub use error::{Error, Result};

@@ -49,12 +49,13 @@ pub fn trace_path(
     let Some(end) = ends.first().copied() else { return Ok(None) };
     let stride = end.steps.div_ceil(points.max(1)).max(1);
     let mut path = vec![ray.origin];
-    trace_steps(backend, &rays, &ends, options, stride, || Ok(()), |_, at| {
+    let extend = |_: usize, at: &TraceResult| {
         // A step that was rejected leaves the ray where it was.
         if path.last() != Some(&at.position) && at.position.iter().all(|c| c.is_finite()) {
             path.push(at.position);
         }
-    })?;
+    };
+    trace_steps(backend, &rays, &ends, options, stride, || Ok(()), extend)?;
     Ok(Some((end, path)))
 }
 

@@ -9,6 +9,7 @@ mod render;
 mod trace;
 mod trace_output;
 mod validate;
+mod view;
 
 use crate::backend::cpu::CpuBackend;
 use crate::backend::vulkan::VulkanBackend;
@@ -36,6 +37,8 @@ struct Cli {
 enum Command {
     /// Render a scene to PNG or EXR files
     Render(render::RenderArgs),
+    /// Open a window to fly around in a scene
+    View(view::ViewArgs),
     /// Trace single rays from a CSV file and write where they end
     Trace(trace::TraceArgs),
     /// Compare the film of the GPU with the film of the CPU; exit 1 when they differ
@@ -140,8 +143,8 @@ struct SceneArgs {
 }
 
 impl SceneArgs {
-    /// Loads and compiles a scene with these options.
-    fn load(&self, path: Option<&PathBuf>) -> Result<(Scene, World)> {
+    /// The assignments to the scene that they stand for; straight light is not one.
+    fn overrides(&self) -> Result<Vec<String>> {
         let mut set = self.set.clone();
         if let Some(size) = &self.size {
             let (w, h) = size
@@ -157,7 +160,12 @@ impl SceneArgs {
         if let Some(depth) = self.max_depth {
             set.push(format!("film.max_depth={depth}"));
         }
-        let mut scene = load_scene(path.map(PathBuf::as_path), &set)?;
+        Ok(set)
+    }
+
+    /// Loads and compiles a scene with these options.
+    fn load(&self, path: Option<&PathBuf>) -> Result<(Scene, World)> {
+        let mut scene = load_scene(path.map(PathBuf::as_path), &self.overrides()?)?;
         if self.linear {
             scene.spacetime = crate::scene::Spacetime::flat();
         }
@@ -183,6 +191,7 @@ pub fn main() -> ExitCode {
     };
     let outcome = start_log().and_then(|()| match cli.command {
         Command::Render(args) => render::run(&args),
+        Command::View(args) => view::run(&args),
         Command::Trace(args) => trace::run(&args),
         Command::Validate(args) => validate::run(&args),
         Command::Bench(args) => bench::run(&args),

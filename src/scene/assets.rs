@@ -3,8 +3,7 @@
 use super::mesh::{MeshFile, read_mesh};
 use super::texture::Image;
 use crate::error::Result;
-use std::collections::HashMap;
-use std::hash::Hash;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -12,8 +11,8 @@ use std::time::SystemTime;
 /// Files by path, and images also by whether they hold data.
 #[derive(Debug, Default)]
 pub struct Assets {
-    meshes: HashMap<PathBuf, Kept<MeshFile>>,
-    images: HashMap<(PathBuf, bool), Kept<Image>>,
+    meshes: BTreeMap<PathBuf, Kept<MeshFile>>,
+    images: BTreeMap<(PathBuf, bool), Kept<Image>>,
 }
 
 /// A file that was read.
@@ -44,12 +43,7 @@ impl Assets {
     }
 }
 
-fn fetch<K: Eq + Hash, T>(
-    entries: &mut HashMap<K, Kept<T>>,
-    key: K,
-    path: &Path,
-    read: impl FnOnce(&Path) -> Result<T>,
-) -> Result<Arc<T>> {
+fn fetch<K: Ord, T>(entries: &mut BTreeMap<K, Kept<T>>, key: K, path: &Path, read: impl FnOnce(&Path) -> Result<T>) -> Result<Arc<T>> {
     let stamp = std::fs::metadata(path).ok().and_then(|m| Some((m.modified().ok()?, m.len())));
     if let Some(kept) = entries.get_mut(&key).filter(|kept| stamp.is_some() && kept.stamp == stamp) {
         kept.used = true;

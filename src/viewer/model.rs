@@ -105,7 +105,7 @@ pub struct FrameInfo {
     pub steps_per_second: f64,
     /// Times of the kernels that made it.
     pub timings: Vec<KernelTiming>,
-    /// What happened to rays and samples so far.
+    /// What happened to the rays of a small film of this view.
     pub statistics: Statistics,
     /// What renders.
     pub backend: String,

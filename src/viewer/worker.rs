@@ -135,7 +135,7 @@ impl Shared {
             let left = until.map(|t| t.saturating_duration_since(Instant::now()));
             inbox = match left {
                 None => self.news.wait(inbox).unwrap_or_else(PoisonError::into_inner),
-                Some(Duration::ZERO) => break,
+                Some(left) if left.is_zero() => break,
                 Some(left) => self.news.wait_timeout(inbox, left).unwrap_or_else(PoisonError::into_inner).0,
             };
         }

@@ -117,7 +117,8 @@ impl Editor<'_> {
         let given = self.document.number(key);
         if let Some(meaning) = number.absent {
             let mut on = given.is_some();
-            if ui.checkbox(&mut on, if on { "" } else { meaning }).changed() {
+            let label = if on { "" } else { meaning };
+            if ui.checkbox(&mut on, label).changed() {
                 self.apply_if_it_fits(vec![if on { set(key, tidy(number.fallback)) } else { remove(key) }]);
             }
             if given.is_none() {
@@ -139,7 +140,8 @@ impl Editor<'_> {
         if waiting.is_some() {
             ui.data_mut(|data| data.remove::<f64>(id));
         }
-        if value != now {
+        // A slider that is held still says the same again, but for rounding.
+        if tidy(value) != tidy(now) {
             self.settle(key, &[now], &[value], scalar);
         }
     }
@@ -187,7 +189,7 @@ impl Editor<'_> {
     fn color(&mut self, ui: &mut Ui, key: &str, fallback: [f64; 3], bright: bool) {
         let now = self.document.vector(key).unwrap_or(fallback);
         let id = ui.id().with("brightness");
-        let largest = now.iter().fold(1.0, |a: f64, c| a.max(*c));
+        let largest = now.iter().fold(0.0, |a: f64, c| a.max(*c));
         let remembered = ui.data(|data| data.get_temp::<f64>(id)).unwrap_or(1.0).max(1e-6);
         // Rounding must not make the remembered brightness grow.
         let mut brightness = if largest > remembered * (1.0 + 1e-4) { largest } else { remembered };
@@ -199,9 +201,12 @@ impl Editor<'_> {
             changed |= ui.add(factor).on_hover_text("Brightness: factor on the colour").changed();
             ui.data_mut(|data| data.insert_temp(id, brightness));
         }
-        if changed {
-            let limit = if bright { 1e9 } else { 1.0 };
-            self.actions.push(set(key, array(&color.map(|c| (f64::from(c) * brightness).clamp(0.0, limit)))));
+        let limit = if bright { 1e9 } else { 1.0 };
+        let value = color.map(|c| (f64::from(c) * brightness).clamp(0.0, limit));
+        // An open picker says the same again, but for rounding.
+        let moved = value.iter().zip(&now).any(|(a, b)| (a - b).abs() > 1e-4 * brightness);
+        if changed && moved {
+            self.actions.push(set(key, array(&value)));
         }
     }
 

@@ -9,16 +9,16 @@ use super::map::Map;
 use super::model::{Action, Pick, View};
 use super::parameters::{self, Group};
 use crate::backend::Channel;
-use crate::kernels::constants::{STATUS_CAPTURED, STATUS_ESCAPED, STATUS_EXHAUSTED, STATUS_HIT};
+use crate::kernels::constants::{STATUS_CAPTURED, STATUS_EXHAUSTED, STATUS_HIT};
 use crate::scene::ToneMap;
 use controls::{Editor, label, shown, wide};
-use egui::{Align2, Color32, ComboBox, CursorIcon, FontId, Id, Order, Rect, RichText, Sense, Slider, Stroke, Ui, pos2, vec2};
+use egui::{Align2, Color32, ComboBox, CursorIcon, FontId, Id, RichText, Slider, Stroke, Ui, pos2, vec2};
 
 /// Name of a tone curve.
 const TONE_MAPS: [(ToneMap, &str); 3] = [(ToneMap::Aces, "ACES"), (ToneMap::Reinhard, "Reinhard"), (ToneMap::None, "Clip at white")];
 
-/// Width of the handle of the split view.
-const HANDLE: f32 = 16.0;
+/// Points beside the border of the split view where the window takes hold of it.
+const GRIP: f32 = 6.0;
 
 const ERROR: Color32 = Color32::from_rgb(122, 28, 30);
 const ACCENT: Color32 = Color32::from_rgb(104, 170, 255);
@@ -44,7 +44,7 @@ pub fn show(ui: &mut Ui, state: &mut PanelState, view: &View<'_>) -> Vec<Action>
     show_side(ui, view, &mut editor);
     let mut actions = editor.actions;
     if let Some(split) = view.split {
-        actions.extend(show_divider(ui, split));
+        show_border(ui, split);
     }
     if let Some(pick) = view.pick {
         actions.extend(show_pick(ui.ctx(), &mut state.map, view, pick));
@@ -215,7 +215,7 @@ fn show_bending(ui: &mut Ui, view: &View<'_>, editor: &mut Editor<'_>) {
         }
     });
     if let Some(mut split) = view.split {
-        row(ui, "Divider", "It can be dragged in the picture too", |ui| {
+        row(ui, "Border", "It can be dragged in the picture too", |ui| {
             if wide(ui, Slider::new(&mut split, 0.0..=1.0)).changed() {
                 editor.actions.push(Action::Split(Some(split)));
             }
@@ -241,22 +241,24 @@ fn show_camera(ui: &mut Ui, view: &View<'_>, editor: &mut Editor<'_>) {
     });
 }
 
-/// The line between straight and bent light, which can be dragged.
-fn show_divider(ui: &Ui, split: f64) -> Option<Action> {
+/// The line between straight and bent light. The window drags it, with or without panels.
+fn show_border(ui: &Ui, split: f64) {
     let window = ui.ctx().viewport_rect();
     let free = ui.available_rect_before_wrap();
     let x = window.left() + split as f32 * window.width();
     if !free.x_range().contains(x) {
-        return None;
+        return;
     }
-    let handle = Rect::from_center_size(pos2(x, free.center().y), vec2(HANDLE, free.height()));
-    let area = egui::Area::new(Id::new("divider")).order(Order::Middle).fixed_pos(handle.min).constrain(false);
-    let response = area.show(ui.ctx(), |ui| ui.allocate_response(handle.size(), Sense::drag())).inner;
-    let response = response.on_hover_and_drag_cursor(CursorIcon::ResizeHorizontal);
-    let lit = response.hovered() || response.dragged();
+    let pointer = ui.input(|i| i.pointer.hover_pos()).filter(|p| free.contains(*p) && !ui.ctx().is_pointer_over_egui());
+    let color = if pointer.is_some_and(|p| (p.x - x).abs() < GRIP) {
+        ui.ctx().set_cursor_icon(CursorIcon::ResizeHorizontal);
+        ACCENT
+    } else {
+        Color32::WHITE
+    };
     let painter = ui.painter();
-    painter.vline(x, free.y_range(), Stroke::new(if lit { 2.0 } else { 1.0 }, if lit { ACCENT } else { Color32::WHITE }));
-    painter.circle(handle.center(), 5.0, if lit { ACCENT } else { Color32::WHITE }, Stroke::new(1.0, Color32::BLACK));
+    painter.vline(x, free.y_range(), Stroke::new(1.0, color));
+    painter.circle(pos2(x, free.center().y), 5.0, color, Stroke::new(1.0, Color32::BLACK));
     let tag = |at: egui::Pos2, anchor: Align2, text: &str| {
         let galley = painter.layout_no_wrap(text.to_owned(), FontId::proportional(13.0), Color32::WHITE);
         let rect = anchor.anchor_size(at, galley.size());
@@ -265,10 +267,6 @@ fn show_divider(ui: &Ui, split: f64) -> Option<Action> {
     };
     tag(pos2(x - 14.0, free.top() + 12.0), Align2::RIGHT_TOP, "straight");
     tag(pos2(x + 14.0, free.top() + 12.0), Align2::LEFT_TOP, "bent");
-    let pointer = response.interact_pointer_pos().filter(|_| response.dragged())?;
-    // Where it can be taken hold of again.
-    let x = pointer.x.min(free.right() - HANDLE).max(free.left() + HANDLE);
-    Some(Action::Split(Some(f64::from((x - window.left()) / window.width().max(1.0)).clamp(0.0, 1.0))))
 }
 
 /// What is known about the picked ray, and the map.
@@ -292,12 +290,10 @@ fn show_pick(ctx: &egui::Context, map: &mut Map, view: &View<'_>, pick: &Pick) -
 fn facts(pick: &Pick) -> [(&'static str, String); 6] {
     let number = |value: f64| shown(value, 0..=0);
     let seen = match pick.status {
-        STATUS_HIT if pick.material.is_empty() => pick.object_name.clone(),
-        STATUS_HIT => format!("{} of {}", pick.object_name, pick.material),
-        STATUS_ESCAPED => "the sky".into(),
+        STATUS_HIT if !pick.material.is_empty() => format!("{} of {}", pick.object_name, pick.material),
         STATUS_CAPTURED => "nothing: the ray was captured".into(),
         STATUS_EXHAUSTED => "nothing: the ray ran out of steps".into(),
-        _ => "nothing".into(),
+        _ => pick.object_name.clone(),
     };
     let shift = if pick.redshift > 0.0 {
         format!("g = {}, z = {}", number(pick.redshift), number(1.0 / pick.redshift - 1.0))

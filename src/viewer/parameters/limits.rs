@@ -16,27 +16,24 @@ const HALVINGS: u32 = 16;
 /// Sets `key` to `to`, or as far on the way there from its present value `from` as the scene stays valid; `None` if it cannot change
 /// at all. `value` makes the document's value of the numbers.
 pub fn settle(document: &Document, camera: DVec3, key: &str, from: &[f64], to: &[f64], value: fn(&[f64]) -> Value) -> Option<Action> {
-    let edit = |share: f64| {
-        let numbers: Vec<f64> = from.iter().zip(to).map(|(a, b)| tidy(a + (b - a) * share)).collect();
-        set(key, value(&numbers))
-    };
+    let numbers = |share: f64| -> Vec<f64> { from.iter().zip(to).map(|(a, b)| tidy(a + (b - a) * share)).collect() };
+    let edit = |share: f64| set(key, value(&numbers(share)));
     let limited = key.starts_with("spacetime.") || key.starts_with("accretion_disc.");
-    let fits = |action: &Action| admissible(document, camera, std::slice::from_ref(action));
-    let whole = edit(1.0);
+    let fits = |share: f64| admissible(document, camera, &[edit(share)]);
     // A scene that is not valid as it is must not keep a person from mending it.
-    if !limited || fits(&whole) || !admissible(document, camera, &[]) {
-        return Some(whole);
+    if !limited || fits(1.0) || !admissible(document, camera, &[]) {
+        return Some(edit(1.0));
     }
     let (mut good, mut bad) = (0.0, 1.0);
     for _ in 0..HALVINGS {
         let middle = 0.5 * (good + bad);
-        if fits(&edit(middle)) {
+        if fits(middle) {
             good = middle;
         } else {
             bad = middle;
         }
     }
-    (good > 0.0).then(|| edit(good))
+    (numbers(good) != numbers(0.0)).then(|| edit(good))
 }
 
 /// Whether the scene is valid after these edits, seen from `camera`.

@@ -1,0 +1,488 @@
+//! The window with everything in it: what happens there goes to the subject, the panels or the render thread, and their answers are
+//! shown. Nothing in here waits for rendering.
+
+mod hands;
+
+use crate::backend::Backend;
+use crate::backend::cpu::CpuBackend;
+use crate::backend::vulkan::VulkanBackend;
+use crate::backend::vulkan::presenter::{Panels, Presenter};
+use crate::error::{Error, Result};
+use crate::viewer::app::{Opening, Wake};
+use crate::viewer::canvases::Canvases;
+use crate::viewer::help;
+use crate::viewer::history::History;
+use crate::viewer::input::{Drag, Flight, Latency};
+use crate::viewer::model::{Action, Pick, View};
+use crate::viewer::navigation::Pose;
+use crate::viewer::panels::{self, PanelState};
+use crate::viewer::subject::Subject;
+use crate::viewer::worker::{Frame, Job, Report, Start, Worker};
+use crate::viewer::{RenderOn, Summary, ViewOptions};
+use egui::ViewportId;
+use glam::DVec2;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tracing::debug;
+use winit::dpi::PhysicalSize;
+use winit::event::{ElementState, WindowEvent};
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy};
+use winit::keyboard::ModifiersState;
+use winit::window::Window;
+
+/// Time a picture may take while things move: on a graphics processor, and elsewhere.
+const BUDGETS: [Duration; 2] = [Duration::from_millis(16), Duration::from_millis(60)];
+/// How often the scene file is looked at.
+const POLL: Duration = Duration::from_millis(500);
+/// How often a flight moves on.
+const FLIGHT: Duration = Duration::from_millis(8);
+/// How long messages stay.
+const MESSAGE: Duration = Duration::from_secs(4);
+
+/// The window with everything in it.
+pub(super) struct Stage {
+    worker: Worker,
+    subject: Subject,
+    panels: PanelState,
+    shows_panels: bool,
+    shows_help: bool,
+    /// The newest picture, and whether it has not been shown.
+    frame: Option<Frame>,
+    is_new: bool,
+    frame_at: Instant,
+    history: History,
+    latency: Latency,
+    pick: Option<Box<Pick>>,
+    /// What the render thread cannot do.
+    trouble: Option<String>,
+    message: Option<(String, Instant)>,
+    flight: Flight,
+    drag: Option<Drag>,
+    cursor: DVec2,
+    modifiers: ModifiersState,
+    /// Number of the last request, whether it is out of date, and the first input since.
+    revision: u64,
+    is_stale: bool,
+    input_at: Option<Instant>,
+    /// The camera of the last request.
+    sent_pose: Pose,
+    next_poll: Instant,
+    next_redraw: Option<Instant>,
+    /// Frames that were presented, of how many, and what is written then.
+    presented: u64,
+    frames: Option<u64>,
+    screenshot: Option<PathBuf>,
+    is_leaving: bool,
+    is_done: bool,
+    size: (u32, u32),
+    device: String,
+    egui: egui_winit::State,
+    presenter: Presenter,
+    window: Arc<Window>,
+}
+
+impl Stage {
+    /// Opens the window and starts rendering.
+    pub fn open(event_loop: &ActiveEventLoop, options: &ViewOptions, opening: Opening, proxy: EventLoopProxy<Wake>) -> Result<Stage> {
+        let Opening { document, scene, world, assets } = opening;
+        let attributes = Window::default_attributes()
+            .with_title(title(&document.name().display().to_string()))
+            .with_inner_size(window_size(event_loop, scene.film.width, scene.film.height));
+        let window = Arc::new(event_loop.create_window(attributes).map_err(|e| Error::Window(e.to_string()))?);
+        let presenter = Presenter::new(window.clone(), options.device.as_deref())?;
+        let device = presenter.device().clone();
+        let is_software = device.report.is_software();
+        let on_device = match options.render_on {
+            RenderOn::Auto => !is_software || options.device.is_some(),
+            RenderOn::Vulkan => true,
+            RenderOn::Cpu => false,
+        };
+        let (shared_device, threads) = (device.clone(), options.threads);
+        let open = move || -> Result<Box<dyn Backend>> {
+            if on_device { Ok(Box::new(VulkanBackend::on_device(shared_device.clone())?)) } else { Ok(Box::new(CpuBackend::new(threads)?)) }
+        };
+        let worker = Worker::start(Start {
+            scene: scene.clone(),
+            world,
+            assets,
+            backend: open()?,
+            open: Box::new(open),
+            precision: options.precision,
+            canvases: Canvases::new(device.clone(), !on_device),
+            budget: BUDGETS[usize::from(is_software || !on_device)],
+            wake: Box::new(move || {
+                // A window that is gone has nothing to be told.
+                let _ = proxy.send_event(Wake);
+            }),
+        })?;
+        let context = egui::Context::default();
+        let scale = window.scale_factor() as f32;
+        let egui = egui_winit::State::new(context, ViewportId::ROOT, &*window, Some(scale), window.theme(), None);
+        let size = window.inner_size();
+        let subject = Subject::new(document, scene, !options.linear);
+        Ok(Stage {
+            worker,
+            sent_pose: *subject.pose(),
+            subject,
+            panels: PanelState::default(),
+            shows_panels: true,
+            shows_help: false,
+            frame: None,
+            is_new: false,
+            frame_at: Instant::now(),
+            history: History::default(),
+            latency: Latency::default(),
+            pick: None,
+            trouble: None,
+            message: None,
+            flight: Flight::default(),
+            drag: None,
+            cursor: DVec2::ZERO,
+            modifiers: ModifiersState::empty(),
+            revision: 0,
+            is_stale: true,
+            input_at: None,
+            next_poll: Instant::now() + POLL,
+            next_redraw: None,
+            presented: 0,
+            frames: options.frames,
+            screenshot: options.screenshot.clone(),
+            is_leaving: false,
+            is_done: false,
+            size: (size.width, size.height),
+            device: device.report.name.clone(),
+            egui,
+            presenter,
+            window,
+        })
+    }
+
+    /// What came of it.
+    pub fn summary(&self) -> Summary {
+        let info = self.frame.as_ref().map(|f| &f.info);
+        Summary {
+            frames: self.presented,
+            samples: info.map_or(0, |i| i.samples),
+            answers: self.latency.count(),
+            latency_ms: self.latency.median().zip(self.latency.max()),
+            backend: info.map_or_else(String::new, |i| i.backend.clone()),
+            size: self.size,
+        }
+    }
+
+    /// Takes what the render thread has put out.
+    pub fn collect(&mut self) -> Result<()> {
+        let (frame, reports) = self.worker.collect();
+        if let Some(frame) = frame {
+            self.history.push(self.frame_at.elapsed(), &frame.info.timings);
+            self.frame_at = Instant::now();
+            self.frame = Some(frame);
+            self.is_new = true;
+        }
+        for report in reports {
+            match report {
+                Report::Loaded(number, scene) => {
+                    debug!(number, "scene reloaded");
+                    self.subject.loaded(number, *scene);
+                    // What the scene says about development may have changed with it.
+                    self.is_stale = true;
+                }
+                Report::Trouble(trouble) => {
+                    if let Some(reason) = &trouble {
+                        debug!(reason, "scene failed");
+                        // Nobody is there to see it.
+                        if self.frames.is_some() {
+                            return Err(Error::CheckFailed(reason.clone()));
+                        }
+                    }
+                    self.trouble = trouble;
+                }
+                Report::Picked(pick) => {
+                    debug!(pixel = ?pick.pixel, object = pick.object_name, material = pick.material, "pixel picked");
+                    self.pick = Some(pick);
+                }
+                Report::Saved(path, Ok(())) => {
+                    debug!(path = %path.display(), "file written");
+                    self.is_done |= self.is_leaving;
+                    self.say(format!("Saved {}", path.display()));
+                }
+                Report::Saved(_, Err(e)) if self.is_leaving => return Err(e),
+                Report::Saved(_, Err(e)) => self.say(format!("Not saved: {e}")),
+            }
+        }
+        self.window.request_redraw();
+        Ok(())
+    }
+
+    /// Does what is due before the next event.
+    pub fn tick(&mut self, event_loop: &ActiveEventLoop) {
+        let now = Instant::now();
+        if self.flight.is_on() {
+            self.fly();
+        }
+        if now >= self.next_poll {
+            self.next_poll = now + POLL;
+            if self.subject.reload_if_changed() {
+                if let Some(reason) = self.subject.trouble() {
+                    debug!(reason, "scene failed");
+                }
+                self.is_stale = true;
+                self.window.request_redraw();
+            }
+        }
+        if self.message.as_ref().is_some_and(|(_, until)| now >= *until) {
+            self.message = None;
+            self.window.request_redraw();
+        }
+        if self.next_redraw.is_some_and(|at| now >= at) {
+            self.next_redraw = None;
+            self.window.request_redraw();
+        }
+        self.send_request();
+        let flight = self.flight.is_on().then_some(now + FLIGHT);
+        let times = [Some(self.next_poll), self.next_redraw, self.message.as_ref().map(|(_, until)| *until), flight];
+        event_loop.set_control_flow(ControlFlow::WaitUntil(times.into_iter().flatten().min().unwrap_or(self.next_poll)));
+        if self.is_done {
+            event_loop.exit();
+        }
+    }
+
+    /// Takes an event of the window.
+    pub fn window_event(&mut self, event: &WindowEvent) -> Result<()> {
+        match event {
+            WindowEvent::RedrawRequested => return self.redraw(),
+            WindowEvent::CloseRequested => self.is_done = true,
+            WindowEvent::Resized(size) => {
+                self.size = (size.width, size.height);
+                self.presenter.resize(size.width, size.height);
+                self.is_stale = true;
+                self.window.request_redraw();
+            }
+            WindowEvent::ModifiersChanged(modifiers) => self.modifiers = modifiers.state(),
+            WindowEvent::Focused(false) => {
+                self.flight.land();
+                self.drag = None;
+            }
+            WindowEvent::DroppedFile(path) => {
+                if let Err(e) = self.subject.open(path) {
+                    self.say(format!("Not opened: {e}"));
+                } else {
+                    self.window.set_title(&title(&path.display().to_string()));
+                    self.pick = None;
+                    self.is_stale = true;
+                }
+            }
+            WindowEvent::KeyboardInput { event: key, .. } if key.state == ElementState::Released => self.flight.release(key.physical_key),
+            // Presses made up for keys that were down when the window got the focus are none.
+            WindowEvent::KeyboardInput { event: key, is_synthetic: false, .. } => {
+                let is_typing = self.shows_overlay() && self.egui.egui_ctx().text_edit_focused();
+                if !is_typing && self.key(key) {
+                    return Ok(());
+                }
+            }
+            _ => {}
+        }
+        let response = self.egui.on_window_event(&self.window, event);
+        let is_shown = self.shows_overlay();
+        if !is_shown {
+            // Nobody would ever take them.
+            self.egui.egui_input_mut().events.clear();
+        } else if response.repaint {
+            self.window.request_redraw();
+        }
+        self.mouse(event, response.consumed && is_shown);
+        Ok(())
+    }
+
+    /// Whether egui has anything to draw.
+    fn shows_overlay(&self) -> bool {
+        self.shows_panels || self.shows_help || self.error().is_some() || self.message.is_some()
+    }
+
+    fn error(&self) -> Option<&str> {
+        self.subject.trouble().or(self.trouble.as_deref())
+    }
+
+    fn say(&mut self, text: String) {
+        self.message = Some((text, Instant::now() + MESSAGE));
+        self.window.request_redraw();
+    }
+
+    fn show_panels(&mut self, show: bool) {
+        self.shows_panels = show;
+        debug!("panels {}", if show { "shown" } else { "hidden" });
+        self.window.request_redraw();
+    }
+
+    /// Does what panels and keys ask for.
+    fn act(&mut self, actions: Vec<Action>) {
+        if actions.is_empty() {
+            return;
+        }
+        let (was_bending, was_split) = (self.subject.bending(), self.subject.split().is_some());
+        let others = self.subject.apply(actions);
+        let (bending, split) = (self.subject.bending(), self.subject.split().is_some());
+        if bending != was_bending {
+            debug!(bending, "bending toggled");
+        }
+        if split != was_split {
+            debug!(split, "split toggled");
+        }
+        for action in others {
+            match action {
+                Action::Screenshot => self.worker.ask(Job::Screenshot(self.numbered("png"))),
+                Action::SaveFilm => self.worker.ask(Job::Film(self.numbered("exr"))),
+                Action::SaveScene => self.save_scene(),
+                Action::Help(show) => self.shows_help = show,
+                Action::HidePanels => self.show_panels(false),
+                Action::ClearPick => self.pick = None,
+                // The subject takes all others.
+                _ => {}
+            }
+        }
+        self.is_stale = true;
+        self.window.request_redraw();
+    }
+
+    fn save_scene(&mut self) {
+        let new = self.numbered("toml");
+        match self.subject.save(|| new) {
+            Ok(path) => {
+                debug!(path = %path.display(), "file written");
+                self.window.set_title(&title(&path.display().to_string()));
+                self.say(format!("Saved {}", path.display()));
+            }
+            Err(e) => self.say(format!("Not saved: {e}")),
+        }
+    }
+
+    /// A file here that does not exist, named after the scene.
+    fn numbered(&self, extension: &str) -> PathBuf {
+        let name = self.subject.document().name();
+        let stem = name.file_stem().map_or_else(|| "nullray".into(), |s| s.to_string_lossy());
+        let mut number = 1;
+        loop {
+            let path = PathBuf::from(format!("{stem}-{number:04}.{extension}"));
+            if !path.exists() {
+                return path;
+            }
+            number += 1;
+        }
+    }
+
+    /// Tells the render thread what has changed.
+    fn send_request(&mut self) {
+        if !self.is_stale || self.size.0 == 0 || self.size.1 == 0 {
+            return;
+        }
+        self.is_stale = false;
+        self.revision += 1;
+        self.worker.send(self.subject.request(self.revision, self.size));
+        if let Some(time) = self.input_at.take() {
+            self.latency.asked(self.revision, time);
+        }
+        let pose = *self.subject.pose();
+        if pose != self.sent_pose {
+            debug!(position = ?pose.position.to_array(), look_at = ?pose.look_at.to_array(), "camera moved");
+            self.sent_pose = pose;
+        }
+    }
+
+    /// Shows the newest picture, and the panels if there are any.
+    fn redraw(&mut self) -> Result<()> {
+        if self.size.0 == 0 || self.size.1 == 0 {
+            return Ok(());
+        }
+        let input = self.egui.take_egui_input(&self.window);
+        let canvas = self.frame.as_ref().map(|f| &f.canvas);
+        if !self.shows_overlay() {
+            self.presenter.present(canvas, None)?;
+            self.note_presented();
+            return Ok(());
+        }
+        let context = self.egui.egui_ctx().clone();
+        let mut state = std::mem::take(&mut self.panels);
+        let view = View {
+            document: self.subject.document(),
+            scene: self.subject.scene(),
+            development: self.subject.development(),
+            bending: self.subject.bending(),
+            split: self.subject.split(),
+            velocity: self.subject.velocity(),
+            frame: self.frame.as_ref().map(|f| &f.info),
+            history: &self.history,
+            pick: self.pick.as_deref(),
+            error: self.error(),
+            message: self.message.as_ref().map(|(text, _)| text.as_str()),
+            help: self.shows_help,
+            device: &self.device,
+            latency_ms: self.latency.median(),
+        };
+        let mut actions = vec![];
+        let mut output = context.run_ui(input, |ui| {
+            actions.extend(if self.shows_panels { panels::show(ui, &mut state, &view) } else { show_notices(ui, &view) });
+        });
+        self.panels = state;
+        self.egui.handle_platform_output(&self.window, output.platform_output);
+        let primitives = context.tessellate(output.shapes, output.pixels_per_point);
+        let drawn = Panels { textures: &output.textures_delta, primitives: &primitives, pixels_per_point: output.pixels_per_point };
+        let outcome = self.presenter.present(canvas, Some(drawn));
+        output.textures_delta.clear();
+        outcome?;
+        if let Some(viewport) = output.viewport_output.get(&ViewportId::ROOT) {
+            self.next_redraw = Instant::now().checked_add(viewport.repaint_delay);
+        }
+        self.note_presented();
+        self.act(actions);
+        Ok(())
+    }
+
+    /// Takes note that the newest picture has been shown.
+    fn note_presented(&mut self) {
+        let Some(frame) = &self.frame else { return };
+        let info = &frame.info;
+        let is_complete = info.scale == 1 && info.samples >= info.goal;
+        if self.is_new {
+            debug!(revision = info.revision, samples = info.samples, scale = info.scale, "frame presented");
+            self.latency.answered(info.revision);
+        }
+        self.presented += u64::from(self.is_new || is_complete);
+        self.is_new = false;
+        let Some(wanted) = self.frames.filter(|_| !self.is_leaving) else { return };
+        if self.presented < wanted {
+            if is_complete {
+                self.window.request_redraw();
+            }
+            return;
+        }
+        self.is_leaving = true;
+        match self.screenshot.take() {
+            Some(path) => self.worker.ask(Job::Screenshot(path)),
+            None => self.is_done = true,
+        }
+    }
+}
+
+/// What is to be known while the panels are hidden.
+fn show_notices(ui: &mut egui::Ui, view: &View<'_>) -> Vec<Action> {
+    if let Some(text) = view.error.or(view.message) {
+        let area = egui::Area::new(egui::Id::new("notice")).anchor(egui::Align2::CENTER_TOP, egui::vec2(0.0, 8.0));
+        area.show(ui.ctx(), |ui| egui::Frame::popup(ui.style()).show(ui, |ui| ui.label(text)));
+    }
+    if view.help && !help::show(ui.ctx()) { vec![Action::Help(false)] } else { vec![] }
+}
+
+fn title(scene: &str) -> String {
+    format!("nullray: {scene}")
+}
+
+/// The film's size, or what of it fits the screen, in its shape.
+fn window_size(event_loop: &ActiveEventLoop, width: u32, height: u32) -> PhysicalSize<u32> {
+    let monitor = event_loop.primary_monitor().or_else(|| event_loop.available_monitors().next());
+    let screen = monitor.map(|m| m.size()).filter(|s| s.width > 0 && s.height > 0);
+    let share = |screen: u32, film: u32| f64::from(screen) / f64::from(film);
+    let scale = screen.map_or(1.0, |s| share(s.width, width).min(share(s.height, height)).min(1.0));
+    let scaled = |film: u32| ((f64::from(film) * scale).round() as u32).max(1);
+    PhysicalSize::new(scaled(width), scaled(height))
+}
