@@ -50,6 +50,9 @@ radius = 0.8
 material = "red"
 "#;
 
+/// A test that has a display to itself.
+type Check = fn(&Display);
+
 fn main() {
     let mut arguments = Arguments::from_args();
     // One display, one keyboard: tests one after another.
@@ -61,7 +64,7 @@ fn main() {
         std::process::exit(1);
     }
     let display = outcome.ok().map(Arc::new);
-    let tests: [(&'static str, fn(&Display)); 8] = [
+    let tests: [(&str, Check); 8] = [
         ("vulkan_film_is_what_the_window_shows", |d| shows_the_film(d, "vulkan")),
         ("cpu_film_is_what_the_window_shows", |d| shows_the_film(d, "cpu")),
         ("keys_change_the_picture", keys_change_the_picture),

@@ -231,7 +231,8 @@ pub fn advance_curved<S: Simd, T: Scalar>(
         if live == 0 {
             return;
         }
-        let captured = if one_by_one { integrate_alone(course, &functions, &mut lanes) } else { (kernels.integrate)(simd, course, &mut lanes) };
+        let captured =
+            if one_by_one { integrate_alone(course, &functions, &mut lanes) } else { (kernels.integrate)(simd, course, &mut lanes) };
         let masks = judge_lanes::<T::Register<S>, T>(simd, course, &mut lanes, live);
         let mut accepted = masks.accepted & live;
         let mut crossing = 0;
@@ -391,7 +392,8 @@ fn meet_rim<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>, lanes:
         } else if *accepted >> i & 1 == 1 && near * far > 0.0 && far.abs() <= slack && cosine > 0.0 {
             let jump = (far.abs() + 0.5 * slack) / cosine.max(RIM_COSINE);
             let x = along(x, v, T::from_f64(jump / speed));
-            let (v, a) = (functions.rate)((), model, x, at(&lanes.next.p), lanes.energy[i], lanes.sense[i], lanes.parameter[i] + lanes.h[i]);
+            let (v, a) =
+                (functions.rate)((), model, x, at(&lanes.next.p), lanes.energy[i], lanes.sense[i], lanes.parameter[i] + lanes.h[i]);
             for axis in 0..3 {
                 (lanes.next.x[axis][i], lanes.next.v[axis][i], lanes.next.a[axis][i]) = (x[axis], v[axis], a[axis]);
             }

@@ -4,9 +4,7 @@ pub mod advance;
 pub mod step;
 
 use super::timing::{Dispatch, Profiling, Recorder, RoundCounts, Submission, Timings, now};
-use super::{
-    Backend, Canvas, Development, Precision, Prepared, RawLanding, Stop, TraceOptions, TraceRay, TraceResult, Tracer, widen,
-};
+use super::{Backend, Canvas, Development, Precision, Prepared, RawLanding, Stop, TraceOptions, TraceRay, TraceResult, Tracer, widen};
 use crate::dispatch;
 use crate::error::{Error, Result};
 use crate::film::{Film, PixelSum, Statistics, add_sample};
