@@ -40,9 +40,11 @@ Curve cut_span(Curve curve, float from, float to, float tolerance) {
     vec3 c1 = curve_tangent(curve, from) * w;
     vec3 c2 = (curve.c2 + curve.c3 * (3.0 * from)) * (w * w);
     vec3 c3 = curve.c3 * (w * w * w);
-    float bend = max(length(c2), length(c2 + c3 * 3.0)) * 2.0;
+    vec3 c2_end = c2 + c3 * 3.0;
+    float bend = sqrt(max(dot(c2, c2), dot(c2_end, c2_end))) * 2.0;
     float chords = clamp(ceil(sqrt(bend / (8.0 * tolerance))), 1.0, float(MAX_CHORDS));
-    float deviation = 0.25 * max(length(c2 + c3), length(c2 + c3 * 2.0));
+    vec3 near = c2 + c3, far = c2 + c3 * 2.0;
+    float deviation = 0.25 * sqrt(max(dot(near, near), dot(far, far)));
     return Curve(curve_point(curve, from), c1, c2, c3, uint(chords), deviation + tolerance);
 }
 

@@ -87,9 +87,9 @@ pub fn cut_span(curve: &Curve, from: f32, to: f32, tolerance: f32) -> Curve {
     let c1 = curve_tangent(curve, from) * w;
     let c2 = (curve.c2 + curve.c3 * (3.0 * from)) * (w * w);
     let c3 = curve.c3 * (w * w * w);
-    let bend = c2.length().max((c2 + c3 * 3.0).length()) * 2.0;
+    let bend = c2.length_squared().max((c2 + c3 * 3.0).length_squared()).sqrt() * 2.0;
     let chords = (bend / (8.0 * tolerance)).sqrt().ceil().clamp(1.0, MAX_CHORDS as f32);
-    let deviation = 0.25 * (c2 + c3).length().max((c2 + c3 * 2.0).length());
+    let deviation = 0.25 * (c2 + c3).length_squared().max((c2 + c3 * 2.0).length_squared()).sqrt();
     Curve { start: curve_point(curve, from), c1, c2, c3, chords: chords as u32, inflation: deviation + tolerance }
 }
 

@@ -15,12 +15,14 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Quiet time after which the full picture is begun.
+/// Quiet time after which finer pictures are begun.
 const SETTLE: Duration = Duration::from_millis(150);
 /// Least time between pictures that only gained samples.
 const INTERVAL: Duration = Duration::from_millis(33);
 /// Time after which a picture is shown although a pass is under way.
 const PATIENCE: Duration = Duration::from_millis(250);
+/// Time that the first picture of a still view may take: where all of it takes longer, finer ones lead up to it.
+const FIRST_PICTURE: Duration = Duration::from_millis(500);
 /// Pixels of a film that is looked through for what its rays cost.
 const CENSUS_PIXELS: u64 = 1 << 18;
 
@@ -270,7 +272,8 @@ impl Renderer {
         let Some(request) = self.request.clone() else { return Ok(()) };
         if self.is_coarse() && !self.is_new && self.changed_at.elapsed() >= SETTLE {
             self.take_census()?;
-            self.start(&request, 1)?;
+            let reduction = self.finer(request.size);
+            self.start(&request, reduction)?;
         }
         if !self.is_coarse() || self.is_new {
             self.advance()?;
@@ -350,6 +353,14 @@ impl Renderer {
             statistics: census.statistics,
             backend,
         }
+    }
+
+    /// The next reduction of a still view: at most half the present one, less if that is quick enough.
+    fn finer(&self, size: (u32, u32)) -> u32 {
+        let lanes = self.shown.iter().filter_map(|&light| self.lanes[light].as_ref());
+        let quick = lanes.map(|lane| lane.reduction(size, FIRST_PICTURE)).max().unwrap_or(1);
+        let present = self.films().map(Refinement::reduction).max().unwrap_or(1);
+        quick.min(present / 2).max(1)
     }
 
     /// Looks through the film for what its rays cost: through a small one after every change, through a large one once.

@@ -23,6 +23,7 @@ use crate::spacetime::thermal::{black_body_table, disc_temperatures, keplerian};
 use crate::spacetime::{Class, ModelKind};
 use glam::{DMat4, DVec3, Vec3};
 use rayon::prelude::*;
+use std::sync::LazyLock;
 
 /// Everything a backend needs of a scene, and nothing it does not.
 #[derive(Clone, Debug)]
@@ -90,8 +91,8 @@ impl World {
             environment_cdf: vec![],
             // One cell that no lookup reaches, so that the grid is never an empty array.
             clearance: vec![0; 4],
-            albedo: albedo_table(),
-            black_bodies: black_body_table(BLACK_BODY_SIZE as usize, f64::from(BLACK_BODY_MIN), f64::from(BLACK_BODY_MAX)),
+            albedo: ALBEDO.clone(),
+            black_bodies: BLACK_BODIES.clone(),
             profiles: vec![],
             model: scene.spacetime.model,
             parameters: ModelBlock {
@@ -409,6 +410,11 @@ fn environment_parameters(sky: &Sky) -> EnvironmentParameters {
     }
     p
 }
+
+/// The same in every world.
+static ALBEDO: LazyLock<Vec<f32>> = LazyLock::new(albedo_table);
+static BLACK_BODIES: LazyLock<Vec<[f32; 4]>> =
+    LazyLock::new(|| black_body_table(BLACK_BODY_SIZE as usize, f64::from(BLACK_BODY_MIN), f64::from(BLACK_BODY_MAX)));
 
 /// Directional albedo of GGX with reflectance 1: rows of perceptual roughness, columns of the root of the cosine of the
 /// viewing angle, because the albedo is steep at grazing angles.

@@ -1,7 +1,9 @@
-//! `nullray bench`: the thesis' tables 5.1 (linear) and 5.2 (non-linear), time per sample of the benchmark scene.
+//! `nullray bench`: the thesis' tables 5.1 (linear) and 5.2 (non-linear), time per sample of the benchmark scene, and what every model costs.
+
+mod models;
 
 use super::{DeviceArgs, print_line};
-use crate::backend::Precision;
+use crate::backend::{Backend, Precision};
 use crate::error::{Error, Result};
 use crate::scene::load_scene;
 use crate::world::World;
@@ -15,11 +17,16 @@ use std::time::Instant;
 const THESIS: [(&str, [f64; 2]); 4] = [("1080p", [135.0, 992.0]), ("720p", [60.0, 444.0]), ("480p", [27.0, 197.0]), ("240p", [15.0, 41.0])];
 const SIZES: [(&str, u32, u32); 4] = [("1080p", 1920, 1080), ("720p", 1280, 720), ("480p", 854, 480), ("240p", 426, 240)];
 
+/// Samples before those that are timed.
+const WARM_UP: u32 = 2;
+
 #[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
 enum Table {
     Linear,
     Nonlinear,
     Both,
+    /// Every bending model on the benchmark scene
+    Models,
 }
 
 #[derive(Args)]
@@ -27,9 +34,9 @@ pub struct BenchArgs {
     /// Which table
     #[arg(long, value_enum, default_value = "both")]
     table: Table,
-    /// Sizes, separated by commas
-    #[arg(long, default_value = "1080p,720p,480p,240p")]
-    sizes: String,
+    /// Sizes, separated by commas [default: all four; of models 480p]
+    #[arg(long)]
+    sizes: Option<String>,
     /// Non-linear form: A (gravity center), B (Schwarzschild) or C (Kerr)
     #[arg(long, default_value = "A")]
     form: String,
@@ -91,15 +98,19 @@ fn form_overrides(form: &str) -> Result<Vec<String>> {
 pub fn run(args: &BenchArgs) -> Result<()> {
     let path = scene_path(args.scene.as_ref())?;
     let bent = form_overrides(&args.form)?;
+    let wanted = args.sizes.as_deref().unwrap_or(if args.table == Table::Models { "480p" } else { "1080p,720p,480p,240p" });
     let mut sizes = vec![];
-    for name in args.sizes.split(',') {
+    for name in wanted.split(',') {
         let known = SIZES.iter().find(|(n, ..)| *n == name.trim()).ok_or_else(|| Error::Usage {
-            argument: format!("--sizes {}", args.sizes),
+            argument: format!("--sizes {wanted}"),
             reason: format!("found `{name}`, expected 1080p, 720p, 480p or 240p"),
         })?;
         sizes.push(*known);
     }
     let mut backend = args.device.open()?;
+    if args.table == Table::Models {
+        return models::run(args, &path, &sizes, backend.as_mut());
+    }
     let mut rows = vec![];
     for table in [Table::Linear, Table::Nonlinear] {
         if args.table != Table::Both && args.table != table {
@@ -111,17 +122,7 @@ pub fn run(args: &BenchArgs) -> Result<()> {
             set.push(format!("film.width={width}"));
             set.push(format!("film.height={height}"));
             let world = Arc::new(World::compile(&load_scene(Some(&path), &set)?)?);
-            backend.upload(world, args.device.precision(Precision::F32), 0)?;
-            // Two samples of warm-up: pages, caches, kernels compiled at first use.
-            backend.accumulate(0..height, 0..2)?;
-            backend.timings();
-            let mut milliseconds: Vec<f64> = (0..args.repeats)
-                .map(|i| {
-                    let start = Instant::now();
-                    backend.accumulate(0..height, 2 + i..3 + i).map(|()| start.elapsed().as_secs_f64() * 1e3)
-                })
-                .collect::<Result<_>>()?;
-            milliseconds.sort_by(f64::total_cmp);
+            let milliseconds = measure(backend.as_mut(), world, args)?;
             let form = if linear { "linear".into() } else { args.form.clone() };
             let row = Row { table: if linear { "linear" } else { "nonlinear" }, form, size, width, height, milliseconds };
             report_row(&row, backend.timings().totals());
@@ -129,6 +130,23 @@ pub fn run(args: &BenchArgs) -> Result<()> {
         }
     }
     print_results(args, &backend.name(), &rows)
+}
+
+/// Times samples of a world: milliseconds of each, the shortest first.
+fn measure(backend: &mut dyn Backend, world: Arc<World>, args: &BenchArgs) -> Result<Vec<f64>> {
+    let height = world.scene.film_height;
+    backend.upload(world, args.device.precision(Precision::F32), 0)?;
+    // Warm-up: pages, caches, kernels compiled at first use.
+    backend.accumulate(0..height, 0..WARM_UP)?;
+    backend.timings();
+    let mut milliseconds: Vec<f64> = (WARM_UP..WARM_UP + args.repeats)
+        .map(|sample| {
+            let start = Instant::now();
+            backend.accumulate(0..height, sample..sample + 1).map(|()| start.elapsed().as_secs_f64() * 1e3)
+        })
+        .collect::<Result<_>>()?;
+    milliseconds.sort_by(f64::total_cmp);
+    Ok(milliseconds)
 }
 
 fn report_row(row: &Row, timings: &[crate::backend::KernelTiming]) {
