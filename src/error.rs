@@ -73,7 +73,7 @@ pub enum Error {
         bytes: u64,
     },
     /// The device stopped answering.
-    #[error("the device was lost while running `{kernel}`; what was rendered until then is kept")]
+    #[error("the device was lost while running `{kernel}`; try again, or use --backend cpu")]
     DeviceLost {
         /// The kernels in flight.
         kernel: String,

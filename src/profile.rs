@@ -13,6 +13,8 @@ use std::sync::Arc;
 const WARM_UP: (u32, u32) = (2, 8);
 /// From this share of the time of the pass before on, a pass has nothing left to warm up.
 const SETTLED: f64 = 0.9;
+/// With so many dispatches no other pass begins: about 200 MB.
+const MAX_DISPATCHES: usize = 1 << 22;
 
 /// One sample of every pixel.
 #[derive(Clone, Debug)]
@@ -121,7 +123,8 @@ impl Balance {
 }
 
 impl Profile {
-    /// Measures the world that was uploaded last, with 0 as its first sample, in so many timed passes.
+    /// Measures the world that was uploaded last, with 0 as its first sample, in so many timed passes, or fewer if these have
+    /// very many dispatches.
     pub fn measure(backend: &mut dyn Backend, height: u32, frames: u32) -> Result<Profile> {
         let outcome = measure_passes(backend, height, frames);
         backend.set_profiling(Profiling::Off);
@@ -247,9 +250,12 @@ fn measure_passes(backend: &mut dyn Backend, height: u32, frames: u32) -> Result
         }
         before = wall;
     }
-    let mut passes = Vec::new();
-    for frame in 0..frames {
-        passes.push(pass(backend, height, warm_up + frame)?);
+    let mut passes: Vec<Pass> = Vec::new();
+    let mut dispatches = 0;
+    while passes.len() < frames as usize && dispatches < MAX_DISPATCHES {
+        let pass = pass(backend, height, warm_up + passes.len() as u32)?;
+        dispatches += pass.timings.dispatches.len();
+        passes.push(pass);
     }
     backend.set_profiling(Profiling::Counters);
     let rounds = pass(backend, height, warm_up)?.timings.rounds;

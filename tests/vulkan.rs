@@ -14,7 +14,7 @@ use nullray::backend::vulkan::buffer::Buffer;
 use nullray::backend::vulkan::command::Commands;
 use nullray::backend::vulkan::instance::validation_messages;
 use nullray::backend::vulkan::pipeline::{Layout, Pipeline};
-use nullray::backend::{Backend, Precision};
+use nullray::backend::{Backend, Canvas, Channel, Development, Precision};
 use nullray::film::compare::{Thresholds, compare};
 use nullray::film::fixed_from_float;
 use nullray::kernels::constants::*;
@@ -24,7 +24,10 @@ use nullray::kernels::rng::*;
 use nullray::kernels::sampling::*;
 use nullray::kernels::triangle::intersect_triangle;
 use nullray::kernels::view::SceneView;
+use nullray::scene::ToneMap;
+use std::collections::BTreeSet;
 use std::fmt::Write;
+use std::sync::Arc;
 use support::tables::TABLES;
 use support::*;
 
@@ -41,7 +44,7 @@ fn main() {
         std::process::exit(1);
     }
     let ignored = missing.is_some();
-    let tests: [(&'static str, fn()); 9] = [
+    let tests: [(&'static str, fn()); 11] = [
         ("kernel_functions_equal_their_twins", kernel_functions_equal_their_twins),
         ("reference_tables_f32", reference_tables_f32),
         ("reference_tables_f64", reference_tables_f64),
@@ -51,6 +54,8 @@ fn main() {
         ("parts_merge_to_the_bit", parts_merge_to_the_bit),
         ("power_law_and_lines_agree", power_law_and_lines_agree),
         ("light_kinds_and_textures_agree", light_kinds_and_textures_agree),
+        ("films_develop_as_on_the_host", films_develop_as_on_the_host),
+        ("a_moved_camera_needs_no_new_world", a_moved_camera_needs_no_new_world),
     ];
     let trials = tests
         .into_iter()
@@ -295,7 +300,7 @@ fn parts_merge_to_the_bit() {
     let mut backend = vulkan();
     let whole = film(&mut backend, world(), Precision::F32, 6);
     let first = film(&mut backend, world(), Precision::F32, 2);
-    backend.upload(std::sync::Arc::new(world()), Precision::F32, 2).unwrap();
+    backend.upload(Arc::new(world()), Precision::F32, 2).unwrap();
     backend.accumulate(0..27, 2..6).unwrap();
     let mut merged = backend.film().unwrap();
     merged.merge(&first).unwrap();
@@ -344,4 +349,50 @@ fn light_kinds_and_textures_agree() {
     assert_eq!(world.lights.len(), 2);
     agree(&mut vulkan(), "textures", world, Precision::F32, 4, Thresholds::DEEP);
     std::fs::remove_dir_all(&folder).unwrap();
+}
+
+fn films_develop_as_on_the_host() {
+    const UNTOUCHED: [u8; 4] = [1, 2, 3, 4];
+    let (mut gpu, mut cpu) = (vulkan(), CpuBackend::new(None).unwrap());
+    let device = gpu.device().clone();
+    let world = Arc::new(asset_world("singularity.toml", &["film.width=50", "film.height=30"]));
+    let mut canvas = Canvas::new(&device, 50, 30, true).unwrap();
+    let mut other_size = Canvas::new(&device, 30, 50, true).unwrap();
+    // Largest difference of bytes: the device's functions are not the host's to the last digit.
+    let backends: [(&mut dyn Backend, u8); 2] = [(&mut gpu, 1), (&mut cpu, 0)];
+    for (backend, tolerance) in backends {
+        backend.upload(world.clone(), Precision::F32, 0).unwrap();
+        // Rows of two samples, of one, and of none.
+        backend.accumulate(0..20, 0..1).unwrap();
+        backend.accumulate(0..10, 1..2).unwrap();
+        let film = backend.film().unwrap();
+        assert_eq!([9, 10, 19, 20].map(|row| film.counts[row * 50]), [2, 1, 1, 0]);
+        for channel in Channel::ALL {
+            for tone_map in [ToneMap::None, ToneMap::Reinhard, ToneMap::Aces] {
+                for columns in [0..u32::MAX, 13..37] {
+                    let what = format!("{}, {channel:?}, {tone_map:?}, columns {columns:?}", backend.name());
+                    let whole = columns.start == 0;
+                    let development = Development { channel, exposure: 0.7, tone_map, columns };
+                    let mut expected = vec![UNTOUCHED; film.sums.len()];
+                    film.develop(&development, &mut expected);
+                    canvas.pixels_mut().unwrap().fill(UNTOUCHED);
+                    backend.develop(&development, &mut canvas).unwrap();
+                    let pixels = canvas.pixels_mut().unwrap();
+                    let differences = pixels.iter().flatten().zip(expected.iter().flatten()).map(|(a, b)| a.abs_diff(*b));
+                    let worst = differences.max().unwrap();
+                    assert!(worst <= tolerance, "{what}: {worst}/255");
+                    // Untouched outside the columns; inside black without samples and of several colours with them.
+                    assert!((0..50).all(|x| (pixels[x] == UNTOUCHED) != (whole || (13..37).contains(&x))), "{what}: other columns");
+                    assert_eq!(pixels[25 * 50 + 20], [0, 0, 0, 255], "{what}");
+                    let colors: BTreeSet<[u8; 4]> = pixels[..20 * 50].iter().copied().collect();
+                    assert!(colors.len() > 2, "{what}: {} colours", colors.len());
+                    assert!(backend.develop(&development, &mut other_size).is_err(), "{what}: another size");
+                }
+            }
+        }
+    }
+}
+
+fn a_moved_camera_needs_no_new_world() {
+    new_parameters_are_as_good_as_a_new_world(&mut vulkan());
 }

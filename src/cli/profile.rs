@@ -20,7 +20,7 @@ const SHOWN: f64 = 1e-3;
 pub struct ProfileArgs {
     /// Scene file; without one, the built-in singularity scene
     scene: Option<PathBuf>,
-    /// Timed frames of one sample per pixel each
+    /// Timed frames of one sample per pixel each; fewer if they have very many dispatches
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1000))]
     frames: u32,
     /// Write everything as JSON; - prints it instead of the table
@@ -45,6 +45,9 @@ pub fn run(args: &ProfileArgs) -> Result<()> {
     backend.upload(Arc::new(world), args.device.precision(Precision::F32), 0)?;
     eprintln!("nullray: {}, {}x{}, {} frames", backend.name(), scene.film.width, scene.film.height, args.frames);
     let profile = Profile::measure(backend.as_mut(), scene.film.height, args.frames)?;
+    if profile.passes.len() < args.frames as usize {
+        eprintln!("nullray: only {} frames, which have as many dispatches as are kept", profile.passes.len());
+    }
     if let Some(path) = &args.chrome_trace {
         write_chrome_trace(path, &profile)?;
     }
@@ -128,7 +131,7 @@ fn print_row(row: &Row, bounce: &str) -> Result<()> {
 fn print_counts(profile: &Profile) -> Result<()> {
     print_line(&format!(
         "{:>6} {:>10} {:>9} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10}",
-        "bounce", "rays", "occupied", "hits", "misses", "steps", "skips", "chords", "nodes", "primitives", "triangles"
+        "bounce", "rays", "occupied", "hits", "misses", "steps", "skips", "chords", "nodes", "primitives", "tri blocks"
     ))?;
     let bounces = profile.rounds.iter().enumerate().map(|(i, counts)| (i.to_string(), *counts));
     for (bounce, c) in bounces.chain([("all".to_owned(), profile.counts())]) {

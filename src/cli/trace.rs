@@ -351,7 +351,7 @@ struct Expected {
 }
 
 /// Rays, and the fields beside each that are passed through.
-#[derive(Debug, Default)]
+#[derive(Default)]
 struct Chunk {
     rays: Vec<TraceRay>,
     passed: Vec<ByteRecord>,
@@ -530,117 +530,5 @@ impl Columns {
     fn complaint(&self, record: &ByteRecord, i: usize, expected: &str) -> Complaint {
         let found: String = String::from_utf8_lossy(&record[i]).chars().take(40).flat_map(char::escape_debug).collect();
         (i, format!("column `{}`: found `{found}`, expected {expected}", self.names[i]))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::sync::atomic::AtomicUsize;
-
-    const METRIC: Expected = Expected { kind: "dneg", class: Class::Metric, two_sided: true };
-    const MEDIUM: Expected = Expected { kind: "grin", class: Class::Medium, two_sided: false };
-    const FLOW: Expected = Expected { kind: "lorenz", class: Class::Flow, two_sided: false };
-
-    /// Reads all rays of a file with this text; also the names of the columns that are passed through.
-    fn read(text: &str, expected: &Expected) -> Result<(Chunk, ByteRecord)> {
-        static FILES: AtomicUsize = AtomicUsize::new(0);
-        let name = format!("nullray-trace-{}-{}.csv", std::process::id(), FILES.fetch_add(1, Ordering::Relaxed));
-        let path = std::env::temp_dir().join(name);
-        std::fs::write(&path, text).unwrap();
-        let outcome = RayReader::open(&path, expected).and_then(|mut reader| Ok((reader.read(usize::MAX)?, reader.passed_names())));
-        std::fs::remove_file(&path).unwrap();
-        outcome
-    }
-
-    /// Line, column and reason of the error that such a file gives.
-    fn refusal(text: &str, expected: &Expected) -> (usize, usize, String) {
-        match read(text, expected) {
-            Err(Error::Scene { line, column, reason, .. }) => (line, column, reason),
-            other => panic!("expected an error with a position, found {other:?}"),
-        }
-    }
-
-    #[test]
-    fn reads_directions_and_passes_other_columns_through() {
-        let text = "name,x, y ,z,dx,dy,dz,note\r\n\"a, \"\"b\"\"\",1,-2.5,3e0,0,0,-1,\"two\r\nlines\"\r\nc,0,0,0,1,2,3,\r\n";
-        let (chunk, names) = read(text, &MEDIUM).unwrap();
-        assert_eq!(names, ByteRecord::from(vec!["name", "note"]));
-        assert_eq!(chunk.rays[0], TraceRay::looking([1.0, -2.5, 3.0], [0.0, 0.0, -1.0]));
-        assert_eq!(chunk.rays[1], TraceRay::looking([0.0; 3], [1.0, 2.0, 3.0]));
-        assert_eq!(chunk.passed, vec![ByteRecord::from(vec!["a, \"b\"", "two\r\nlines"]), ByteRecord::from(vec!["c", ""])]);
-    }
-
-    #[test]
-    fn reads_momenta_senses_and_sides() {
-        let (chunk, names) = read("trace,side,pz,py,px,z,y,x\nfuture,-1,3,2,1,6,5,4\npast,1.0,3,2,1,6,5,4\n", &METRIC).unwrap();
-        assert!(names.is_empty());
-        let launch = Launch::Momentum([1.0, 2.0, 3.0]);
-        assert_eq!(chunk.rays[0], TraceRay { origin: [4.0, 5.0, 6.0], launch, past: false, side: -1 });
-        assert_eq!(chunk.rays[1], TraceRay { origin: [4.0, 5.0, 6.0], launch, past: true, side: 1 });
-    }
-
-    #[test]
-    fn refuses_headers() {
-        assert_eq!(
-            refusal("x,y,z,dx,dy\n", &MEDIUM),
-            (1, 6, "column `dz` is missing, expected x,y,z and either dx,dy,dz or px,py,pz".into())
-        );
-        assert_eq!(refusal("", &MEDIUM).1, 1);
-        assert_eq!(refusal("x,y,z,px,dx,dy,dz\n", &METRIC).1, 4);
-        assert_eq!(refusal("x,y,z,dx,dy,dz,x\n", &METRIC), (1, 7, "column `x` again, expected it once".into()));
-        let (_, column, reason) = refusal("x,y,z,px,py,pz\n", &FLOW);
-        assert_eq!((column, reason.contains("`lorenz` have no momentum")), (4, true));
-    }
-
-    #[test]
-    fn refuses_values_with_their_line_and_column() {
-        let header = "x,y,z,dx,dy,dz";
-        for (found, end) in [("abc", "\n"), ("", "\r\n"), ("nan", "\n\n"), ("inf", "\r\n\r\n"), ("1e10", "\r"), ("1,2", "\n")] {
-            let text = format!("{end}{header}{end}1,2,3,0,0,1{end}1,2,3,0,\"{found}\",1{end}");
-            let lines = 3 * end.matches('\n').count().max(1) + 1;
-            let (line, column, reason) = refusal(&text, &MEDIUM);
-            assert_eq!((line, column), (lines, 5), "{text:?}");
-            assert!(reason.starts_with(&format!("column `dy`: found `{found}`, expected a number")), "{reason}");
-        }
-        assert!(refusal(&format!("{header}\n1,2,3,0,-0.0,0\n"), &MEDIUM).2.contains("zero vector"));
-        assert_eq!(refusal(&format!("{header}\n1,2,3,0,0,1\n1,2,3\n"), &MEDIUM).0, 3);
-        assert_eq!(refusal(&format!("{header},trace\n1,2,3,0,0,1,Past\n"), &MEDIUM).1, 7);
-        assert_eq!(refusal(&format!("{header},side\n1,2,3,0,0,1,2\n"), &METRIC).1, 7);
-        assert_eq!(refusal(&format!("{header},side\n1,2,3,0,0,1,-1\n"), &MEDIUM).1, 7);
-    }
-
-    #[test]
-    fn reads_planes() {
-        assert_eq!(parse_plane("0, -2,0,4"), Some(([0.0, -1.0, 0.0], 2.0)));
-        for text in ["1,2,3", "1,2,3,4,5", "0,0,0,1", "1,0,0,x", "1,0,0,inf", "nan,0,0,1", ""] {
-            assert_eq!(parse_plane(text), None, "{text}");
-        }
-    }
-
-    #[test]
-    fn goes_on_from_a_plane_as_it_came() {
-        let ray = TraceRay::looking([0.0; 3], [0.0, 0.0, 1.0]);
-        let end = TraceResult {
-            status: STATUS_STOPPED,
-            position: [1.0, 2.0, 3.0],
-            direction: [0.0, 0.6, 0.8],
-            momentum: [0.0, 1.2, 1.6],
-            length: 4.0,
-            parameter: 5.0,
-            side: -1,
-            steps: 6,
-            chords: 7,
-            constraint_error: 1e-9,
-            frequency_ratio: 0.5,
-            object: None,
-        };
-        let next = onward(Class::Medium, &ray, &end);
-        assert_eq!(next, TraceRay { origin: end.position, launch: Launch::Direction([0.0, 1.2, 1.6]), past: true, side: -1 });
-        let photon = onward(Class::Metric, &ray, &end);
-        assert_eq!(photon.launch, Launch::Momentum([-0.0, -1.2, -1.6]));
-        let whole = joined(&end, &end, orientation(Class::Metric, &ray, &end));
-        assert_eq!((whole.momentum, whole.length, whole.frequency_ratio), ([-0.0, -1.2, -1.6], 8.0, 0.25));
-        assert_eq!((whole.steps, whole.chords, whole.parameter, whole.constraint_error), (12, 14, 10.0, 2e-9));
     }
 }

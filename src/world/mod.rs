@@ -76,6 +76,18 @@ impl World {
     /// Compiles a scene. Fails if it asks for more than the layout holds or puts the camera where no ray lives.
     pub fn compile(scene: &Scene) -> Result<World> {
         let _span = tracing::info_span!("compile", scene = %scene.path.display()).entered();
+        let parameters = ModelBlock {
+            origin: scene.spacetime.position.to_array(),
+            throat: scene.spacetime.throat,
+            rim: scene.spacetime.rim,
+            step: scene.integrator.step,
+            tableau: method::tableau(scene.integrator.method),
+            global: scene.spacetime.global.clone(),
+            sources: scene.spacetime.sources.clone(),
+            table: scene.spacetime.table.clone(),
+        };
+        // First, because all that follows takes its time.
+        region::check_camera(scene, &parameters)?;
         let mut world = World {
             scene: scene_parameters(scene),
             nodes: vec![],
@@ -95,16 +107,7 @@ impl World {
             black_bodies: BLACK_BODIES.clone(),
             profiles: vec![],
             model: scene.spacetime.model,
-            parameters: ModelBlock {
-                origin: scene.spacetime.position.to_array(),
-                throat: scene.spacetime.throat,
-                rim: scene.spacetime.rim,
-                step: scene.integrator.step,
-                tableau: method::tableau(scene.integrator.method),
-                global: scene.spacetime.global.clone(),
-                sources: scene.spacetime.sources.clone(),
-                table: scene.spacetime.table.clone(),
-            },
+            parameters,
             spacetime: scene.spacetime.clone(),
             bounds: (Vec3::ZERO, Vec3::ZERO),
             dark: false,
@@ -132,7 +135,6 @@ impl World {
         }
         drop(corners);
         emitters::add(&mut world, scene);
-        region::check_camera(&world, scene)?;
         Ok(world)
     }
 
@@ -143,7 +145,7 @@ impl World {
         if width == 0 || height == 0 {
             return Err(Error::World(format!("a film of {width} x {height} pixels, expected at least one")));
         }
-        region::check_camera(self, scene)?;
+        region::check_camera(scene, &self.parameters)?;
         let own = &self.scene;
         let mut parameters = SceneParameters {
             far_root: own.far_root,

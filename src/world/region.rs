@@ -1,8 +1,7 @@
 //! Where light bends, and how rays end: the sphere outside which space is straight or has a closed-form asymptote.
 
-use super::World;
 use crate::error::{Error, Result};
-use crate::kernels::integrator::PointFunctions;
+use crate::kernels::integrator::{ModelBlock, PointFunctions};
 use crate::scene::{Extent, Scene, Spacetime};
 use glam::Vec3;
 
@@ -66,12 +65,11 @@ pub fn region(spacetime: &Spacetime, low: Vec3, high: Vec3, reach: Reach) -> Reg
 }
 
 /// Refuses a camera from which no ray can start.
-pub(super) fn check_camera(world: &World, scene: &Scene) -> Result<()> {
+pub(super) fn check_camera(scene: &Scene, block: &ModelBlock<f64>) -> Result<()> {
     let x = scene.camera.position.to_array();
-    let block = world.model_block::<f64>();
-    let functions = PointFunctions::<f64>::of(world.model);
-    let (p, energy, frequency) = (functions.launch)((), &block, x, [0.0, 0.0, 1.0], 1.0, -1.0);
-    let alive = (functions.capture_distance)((), &block, x, p, frequency, -1.0);
+    let functions = PointFunctions::<f64>::of(scene.spacetime.model);
+    let (p, energy, frequency) = (functions.launch)((), block, x, [0.0, 0.0, 1.0], 1.0, -1.0);
+    let alive = (functions.capture_distance)((), block, x, p, frequency, -1.0);
     let from_origin = (scene.camera.position - scene.spacetime.position).length();
     let above_throat = scene.spacetime.throat == 0.0 || from_origin > scene.spacetime.throat;
     if alive > 0.0 && above_throat && energy.is_finite() && p.iter().all(|c| c.is_finite()) {

@@ -5,7 +5,7 @@ pub mod tables;
 
 use nullray::backend::{Backend, Precision, Stop, TraceOptions, TraceRay};
 use nullray::film::Film;
-use nullray::scene::parse_scene;
+use nullray::scene::{Scene, load_scene, parse_scene};
 use nullray::world::World;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -62,11 +62,15 @@ pub fn world(text: &str) -> World {
     World::compile(&scene).unwrap()
 }
 
+/// A scene from a file of assets/scenes, with overrides.
+pub fn asset_scene(name: &str, set: &[&str]) -> Scene {
+    let set: Vec<String> = set.iter().map(|s| s.to_string()).collect();
+    load_scene(Some(&root().join("assets/scenes").join(name)), &set).unwrap()
+}
+
 /// A world from a file of assets/scenes, with overrides.
 pub fn asset_world(name: &str, set: &[&str]) -> World {
-    let set: Vec<String> = set.iter().map(|s| s.to_string()).collect();
-    let scene = nullray::scene::load_scene(Some(&root().join("assets/scenes").join(name)), &set).unwrap();
-    World::compile(&scene).unwrap()
+    World::compile(&asset_scene(name, set)).unwrap()
 }
 
 /// Renders samples `0..spp`.
@@ -75,6 +79,36 @@ pub fn film(backend: &mut dyn Backend, world: World, precision: Precision, spp: 
     backend.upload(Arc::new(world), precision, 0).unwrap();
     backend.accumulate(0..height, 0..spp).unwrap();
     backend.film().unwrap()
+}
+
+/// A world rendered with new parameters gives the film of a world that was compiled with them, to the bit.
+pub fn new_parameters_are_as_good_as_a_new_world(backend: &mut dyn Backend) {
+    let small = ["film.width=33", "film.height=19"];
+    let large = [
+        "film.width=70",
+        "film.height=41",
+        "film.max_depth=3",
+        "film.filter=box",
+        "integrator.tolerance=1.0",
+        "camera.position=[0.6, 1.9, -8]",
+        "camera.fov_degrees=60",
+        "camera.aperture_radius=0.05",
+    ];
+    for name in ["singularity.toml", "dim-curved.toml", "cornell.toml"] {
+        // The film grows, then it shrinks.
+        for [before, after] in [[&small[..], &large[..]], [&large[..], &small[..]]] {
+            let (old, scene) = (Arc::new(asset_world(name, before)), asset_scene(name, after));
+            let (parameters, fresh) = (old.parameters_for(&scene).unwrap(), World::compile(&scene).unwrap());
+            assert_eq!(bytemuck::bytes_of(&parameters), bytemuck::bytes_of(&fresh.scene), "{name}: parameters differ");
+            let old_height = old.scene.film_height;
+            backend.upload(old, Precision::F32, 0).unwrap();
+            backend.accumulate(0..old_height, 0..1).unwrap();
+            backend.set_parameters(&parameters).unwrap();
+            backend.accumulate(0..parameters.film_height, 0..2).unwrap();
+            let changed = backend.film().unwrap();
+            assert!(changed == film(backend, fresh, Precision::F32, 2), "{name}: films differ on {}", backend.name());
+        }
+    }
 }
 
 pub fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {

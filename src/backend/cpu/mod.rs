@@ -27,7 +27,7 @@ use step::{Course, Scalar};
 
 /// Pixels of one unit of work: their paths fit the second-level cache.
 const BATCH: usize = 1024;
-/// Rows of a batch, so that its rays stay close together.
+/// Most rows of a batch, so that its rays stay close together.
 const BATCH_ROWS: usize = 8;
 
 /// Names of the stages whose time is reported.
@@ -116,14 +116,15 @@ impl CpuBackend {
         let world = self.world()?;
         let counting = lock(&self.recorder).profiling() == Profiling::Counters;
         let width = self.film.width as usize;
-        let band = BATCH_ROWS * width;
+        // A few rows are shared out among all threads.
+        let band_rows = rows.len().div_ceil(self.pool.current_num_threads()).clamp(1, BATCH_ROWS);
+        let band = band_rows * width;
         let span = rows.start as usize * width..rows.end as usize * width;
         let shared = Shared {
             view: SceneView { scene: &self.parameters, ..world.view() },
             kind: world.model,
             model: T::model(&self.models),
             level: self.level,
-            first_row: rows.start,
             width,
             first_sample: self.film.first_sample,
             samples,
@@ -138,7 +139,7 @@ impl CpuBackend {
                 .zip(counts.par_chunks_mut(band))
                 .zip(aovs.par_chunks_mut(band))
                 .enumerate()
-                .map(|(i, ((sums, counts), aovs))| shared.render_band(i, sums, counts, aovs))
+                .map(|(i, ((sums, counts), aovs))| shared.render_band(rows.start + (i * band_rows) as u32, sums, counts, aovs))
                 .reduce(Statistics::default, |mut a, b| {
                     a.add(b);
                     a
@@ -200,7 +201,6 @@ struct Shared<'a, T> {
     kind: ModelKind,
     model: &'a ModelBlock<T>,
     level: Level,
-    first_row: u32,
     width: usize,
     first_sample: u32,
     samples: Range<u32>,
@@ -219,16 +219,15 @@ struct Scratch {
 
 impl<T: Advance> Shared<'_, T> {
     /// Renders all samples of one band of rows.
-    fn render_band(&self, band: usize, sums: &mut [PixelSum], counts: &mut [u32], aovs: &mut [Aov]) -> Statistics {
+    fn render_band(&self, first_row: u32, sums: &mut [PixelSum], counts: &mut [u32], aovs: &mut [Aov]) -> Statistics {
         let mut statistics = Statistics::default();
         let rows = sums.len() / self.width;
         let columns = (BATCH / rows).max(1);
         let mut scratch = Scratch { paths: Vec::with_capacity(BATCH), arrivals: Vec::with_capacity(BATCH), stack: EMPTY_STACK };
         for first in (0..self.width).step_by(columns) {
             let columns = columns.min(self.width - first);
-            let pixels: Vec<(u32, u32)> = (0..rows * columns)
-                .map(|i| ((first + i % columns) as u32, self.first_row + (band * BATCH_ROWS + i / columns) as u32))
-                .collect();
+            let pixels: Vec<(u32, u32)> =
+                (0..rows * columns).map(|i| ((first + i % columns) as u32, first_row + (i / columns) as u32)).collect();
             for sample in self.samples.clone() {
                 self.render_batch(&pixels, sample, &mut scratch, &mut statistics, |i, radiance, aov| {
                     let at = (i / columns) * self.width + first + i % columns;

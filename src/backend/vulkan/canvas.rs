@@ -20,8 +20,16 @@ pub struct Canvas {
 impl Canvas {
     /// A canvas of at least one pixel; a device develops into it, or the host if it is visible there.
     pub fn new(device: &Arc<Device>, width: u32, height: u32, host_visible: bool) -> Result<Canvas> {
+        Canvas::at(device, width, height, if host_visible { MemoryLocation::CpuToGpu } else { MemoryLocation::GpuOnly })
+    }
+
+    /// A canvas whose pixels the host reads, whoever develops into it.
+    pub fn for_reading(device: &Arc<Device>, width: u32, height: u32) -> Result<Canvas> {
+        Canvas::at(device, width, height, MemoryLocation::GpuToCpu)
+    }
+
+    fn at(device: &Arc<Device>, width: u32, height: u32, location: MemoryLocation) -> Result<Canvas> {
         let (width, height) = (width.max(1), height.max(1));
-        let location = if host_visible { MemoryLocation::CpuToGpu } else { MemoryLocation::GpuOnly };
         let buffer = Buffer::new(device, "canvas", u64::from(width) * u64::from(height) * 4, location)?;
         Ok(Canvas { buffer, width, height })
     }

@@ -11,6 +11,9 @@ use std::sync::Arc;
 
 /// Timestamps of one submission.
 const MAX_QUERIES: u32 = 1024;
+/// All ways in which commands write.
+const WRITES: vk::AccessFlags =
+    vk::AccessFlags::from_raw(vk::AccessFlags::SHADER_WRITE.as_raw() | vk::AccessFlags::TRANSFER_WRITE.as_raw());
 
 /// One command buffer that is recorded, submitted and waited for, again and again.
 pub struct Commands {
@@ -96,33 +99,30 @@ impl Commands {
 
     /// Makes all that was written visible to all that follows.
     pub fn barrier(&self) {
+        let stages = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER | vk::PipelineStageFlags::DRAW_INDIRECT;
+        let reads = vk::AccessFlags::SHADER_READ | vk::AccessFlags::TRANSFER_READ | vk::AccessFlags::INDIRECT_COMMAND_READ;
+        self.barrier_before(stages, reads | WRITES);
+    }
+
+    /// Makes all that was written visible to `accesses` of later `stages`.
+    fn barrier_before(&self, stages: vk::PipelineStageFlags, accesses: vk::AccessFlags) {
         let d = &self.device.raw;
+        let writers = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
         // SAFETY: a global memory barrier names no resource.
         unsafe {
             if self.device.report.synchronization2 {
-                let stages = vk::PipelineStageFlags2::COMPUTE_SHADER | vk::PipelineStageFlags2::ALL_TRANSFER;
-                let writes = vk::AccessFlags2::SHADER_WRITE | vk::AccessFlags2::TRANSFER_WRITE;
-                let reads = vk::AccessFlags2::SHADER_READ | vk::AccessFlags2::TRANSFER_READ | vk::AccessFlags2::INDIRECT_COMMAND_READ;
+                // The flags that there were before mean the same.
+                let stage = |flags: vk::PipelineStageFlags| vk::PipelineStageFlags2::from_raw(flags.as_raw().into());
+                let access = |flags: vk::AccessFlags| vk::AccessFlags2::from_raw(flags.as_raw().into());
                 let barrier = [vk::MemoryBarrier2::default()
-                    .src_stage_mask(stages)
-                    .src_access_mask(writes)
-                    .dst_stage_mask(stages | vk::PipelineStageFlags2::DRAW_INDIRECT)
-                    .dst_access_mask(reads | writes)];
+                    .src_stage_mask(stage(writers))
+                    .src_access_mask(access(WRITES))
+                    .dst_stage_mask(stage(stages))
+                    .dst_access_mask(access(accesses))];
                 d.cmd_pipeline_barrier2(self.buffer, &vk::DependencyInfo::default().memory_barriers(&barrier));
             } else {
-                let stages = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
-                let writes = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
-                let reads = vk::AccessFlags::SHADER_READ | vk::AccessFlags::TRANSFER_READ | vk::AccessFlags::INDIRECT_COMMAND_READ;
-                let barrier = [vk::MemoryBarrier::default().src_access_mask(writes).dst_access_mask(reads | writes)];
-                d.cmd_pipeline_barrier(
-                    self.buffer,
-                    stages,
-                    stages | vk::PipelineStageFlags::DRAW_INDIRECT,
-                    Default::default(),
-                    &barrier,
-                    &[],
-                    &[],
-                );
+                let barrier = [vk::MemoryBarrier::default().src_access_mask(WRITES).dst_access_mask(accesses)];
+                d.cmd_pipeline_barrier(self.buffer, writers, stages, Default::default(), &barrier, &[], &[]);
             }
         }
     }
@@ -199,6 +199,8 @@ impl Commands {
             move |e: vk::Result| if e == vk::Result::ERROR_DEVICE_LOST { Error::DeviceLost { kernel } } else { vulkan(call)(e) }
         };
         let _span = tracing::trace_span!("submission", kernels = %self.in_flight).entered();
+        // The host reads once the fence has signalled, which alone does not make writes visible to it.
+        self.barrier_before(vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ);
         let d = &self.device.raw;
         let buffers = [self.buffer];
         let info = [vk::SubmitInfo::default().command_buffers(&buffers)];

@@ -1,6 +1,7 @@
 //! Choice of a physical device, the logical device and its queue and allocator.
 
 use super::instance::{Instance, vulkan};
+use super::pipeline::PipelineCache;
 use super::swapchain::Surface;
 use crate::error::{Error, Result};
 use ash::{ext, khr, vk};
@@ -171,6 +172,7 @@ pub struct Device {
     /// Nanoseconds per timestamp tick.
     pub timestamp_period: f32,
     names: Option<ext::debug_utils::Device>,
+    pub(super) pipeline_cache: PipelineCache,
     allocator: ManuallyDrop<Mutex<Allocator>>,
     pub(super) instance: Arc<Instance>,
 }
@@ -214,6 +216,7 @@ impl Device {
             allocation_sizes: Default::default(),
         })
         .map_err(|e| Error::Vulkan { call: "gpu-allocator", result: e.to_string() })?;
+        let pipeline_cache = PipelineCache::open(&raw, &report.name)?;
         // SAFETY: the device was created with one queue of this family.
         let queue = unsafe { raw.get_device_queue(report.queue_family, 0) };
         let device = Device {
@@ -223,14 +226,17 @@ impl Device {
             raw,
             report,
             names,
+            pipeline_cache,
             allocator: ManuallyDrop::new(Mutex::new(allocator)),
             instance,
         };
         device.set_name(queue, "compute queue");
+        device.set_name(device.pipeline_cache.raw, "pipeline cache");
         Ok(Arc::new(device))
     }
 
-    /// The queue, for one submission or presentation: threads take turns, so it is never kept while waiting for a fence.
+    /// The queue, for one call: threads take turns, and wait for the fences of their submissions without it. Only waiting for it to
+    /// be idle keeps it all the while: uploads of panel textures do that, and what has been submitted to it when it is dropped.
     pub fn queue(&self) -> MutexGuard<'_, vk::Queue> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -271,6 +277,7 @@ impl Drop for Device {
         // SAFETY: every resource holds an `Arc` of the device, so none is left; the allocator goes before its device.
         unsafe {
             let _ = self.raw.device_wait_idle();
+            self.pipeline_cache.close(&self.raw);
             ManuallyDrop::drop(&mut self.allocator);
             self.raw.destroy_device(None);
         }

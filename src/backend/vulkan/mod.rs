@@ -105,6 +105,8 @@ struct Loaded {
 /// Renders on a Vulkan device.
 pub struct VulkanBackend {
     loaded: Option<Loaded>,
+    /// Whether the film survives the device. In a window the copies would be felt.
+    takes_snapshots: bool,
     slots: u32,
     capacity: u32,
     paths: Buffer,
@@ -125,10 +127,11 @@ struct Counts {
 impl VulkanBackend {
     /// Opens the best device, or the one `wanted` names by number or part of its name.
     pub fn new(wanted: Option<&str>) -> Result<VulkanBackend> {
-        VulkanBackend::on_device(Device::new(Arc::new(Instance::new()?), wanted)?)
+        let backend = VulkanBackend::on_device(Device::new(Arc::new(Instance::new()?), wanted)?)?;
+        Ok(VulkanBackend { takes_snapshots: true, ..backend })
     }
 
-    /// Renders on a device that others use too.
+    /// Renders on a device that others use too; if it is lost, so is the film.
     pub fn on_device(device: Arc<Device>) -> Result<VulkanBackend> {
         let layout = Layout::new(&device, 3, size_of::<Push>() as u32)?;
         let by_range = u64::from(device.report.max_storage_buffer_range) / (PATH_WORDS * 16);
@@ -144,6 +147,7 @@ impl VulkanBackend {
         let commands = Commands::new(&device)?;
         Ok(VulkanBackend {
             loaded: None,
+            takes_snapshots: false,
             slots: FIRST_SLOTS.min(capacity),
             capacity,
             paths,
@@ -333,14 +337,17 @@ impl VulkanBackend {
                 let start = Instant::now();
                 self.run_batch(loaded, push)?;
                 let scale = SUBMIT_TIME.as_secs_f64() / start.elapsed().as_secs_f64().max(1e-6);
-                let wanted = f64::from(push.slot_count) * scale.clamp(0.25, 2.0);
-                self.slots = (wanted as u32).clamp(width.min(self.capacity), self.capacity);
+                // A short last batch says little about a full one, unless it took too long.
+                if push.slot_count > self.slots / 2 || scale < 1.0 {
+                    let wanted = f64::from(push.slot_count) * scale.clamp(0.25, 2.0);
+                    self.slots = (wanted as u32).clamp(width.min(self.capacity), self.capacity);
+                }
                 sample += per_pixel;
             }
             loaded.film.count(row..row + row_count, samples.len() as u32);
             row += row_count;
         }
-        if loaded.snapshot_at.elapsed() > SNAPSHOT_INTERVAL {
+        if self.takes_snapshots && loaded.snapshot_at.elapsed() > SNAPSHOT_INTERVAL {
             loaded.snapshot = Some(loaded.film.read(&mut self.commands, &mut self.readback)?);
             loaded.snapshot_at = Instant::now();
         }
@@ -413,7 +420,7 @@ impl Backend for VulkanBackend {
     fn film(&mut self) -> Result<Film> {
         let loaded = self.loaded.as_ref().ok_or_else(nothing_loaded)?;
         match loaded.film.read(&mut self.commands, &mut self.readback) {
-            Err(Error::DeviceLost { .. }) => Ok(loaded.snapshot.clone().unwrap_or_else(|| loaded.film.empty())),
+            Err(Error::DeviceLost { .. }) if self.takes_snapshots => Ok(loaded.snapshot.clone().unwrap_or_else(|| loaded.film.empty())),
             film => film,
         }
     }

@@ -1,4 +1,4 @@
-//! Compute pipelines, the layout they share, and their cache on disk.
+//! Compute pipelines, the layout they share, and the cache of a device's pipelines on disk.
 
 use super::buffer::Buffer;
 use super::device::Device;
@@ -26,8 +26,6 @@ pub struct Layout {
     pool: vk::DescriptorPool,
     /// The one descriptor set.
     pub set: vk::DescriptorSet,
-    cache: vk::PipelineCache,
-    cache_file: Option<PathBuf>,
 }
 
 impl Layout {
@@ -43,10 +41,7 @@ impl Layout {
         let bindings: Vec<_> = (0..bindings).map(storage).collect();
         let sizes = [vk::DescriptorPoolSize { ty: vk::DescriptorType::STORAGE_BUFFER, descriptor_count: bindings.len() as u32 }];
         let push = [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(push_bytes)];
-        let cache_file = cache_path(device);
-        let cached = cache_file.as_ref().and_then(|p| std::fs::read(p).ok()).unwrap_or_default();
-        // SAFETY: every handle is created on this device, from structures that live through the calls. The driver checks the
-        // header of cached data and ignores what is not its own.
+        // SAFETY: every handle is created on this device, from structures that live through the calls.
         unsafe {
             let d = &device.raw;
             let set_layout = d
@@ -62,15 +57,11 @@ impl Layout {
             let raw = d
                 .create_pipeline_layout(&vk::PipelineLayoutCreateInfo::default().set_layouts(&layouts).push_constant_ranges(&push), None)
                 .map_err(vulkan("vkCreatePipelineLayout"))?;
-            let cache = d
-                .create_pipeline_cache(&vk::PipelineCacheCreateInfo::default().initial_data(&cached), None)
-                .map_err(vulkan("vkCreatePipelineCache"))?;
             device.set_name(set_layout, "buffers");
             device.set_name(pool, "descriptor pool");
             device.set_name(set, "buffers");
             device.set_name(raw, "pipeline layout");
-            device.set_name(cache, "pipeline cache");
-            Ok(Layout { device: device.clone(), raw, set_layout, pool, set, cache, cache_file })
+            Ok(Layout { device: device.clone(), raw, set_layout, pool, set })
         }
     }
 
@@ -93,33 +84,55 @@ impl Layout {
     }
 }
 
-/// File of the pipeline cache, by driver.
-fn cache_path(device: &Device) -> Option<PathBuf> {
-    let home = || std::env::var_os("HOME").map(|h| PathBuf::from(h).join(".cache"));
-    let folder = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from).or_else(home)?;
-    let name: String = device.report.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
-    Some(folder.join("nullray").join(format!("pipelines-{name}.bin")))
-}
-
 impl Drop for Layout {
     fn drop(&mut self) {
-        // A cache that cannot be saved costs time at the next start, nothing else.
+        // SAFETY: pipelines of this layout are dropped by their owner before it, with the queue idle.
+        unsafe {
+            self.device.raw.destroy_pipeline_layout(self.raw, None);
+            self.device.raw.destroy_descriptor_pool(self.pool, None);
+            self.device.raw.destroy_descriptor_set_layout(self.set_layout, None);
+        }
+    }
+}
+
+/// What a driver keeps of the pipelines that it has built, for all backends on a device.
+pub(super) struct PipelineCache {
+    pub raw: vk::PipelineCache,
+    file: Option<PathBuf>,
+}
+
+impl PipelineCache {
+    /// The cache of a device of this name, with what was saved last time. Whoever opens it closes it.
+    pub fn open(d: &ash::Device, name: &str) -> Result<PipelineCache> {
+        let file = cache_path(name);
+        let saved = file.as_ref().and_then(|p| std::fs::read(p).ok()).unwrap_or_default();
+        let info = vk::PipelineCacheCreateInfo::default().initial_data(&saved);
+        // SAFETY: `info` is complete. The driver checks the header of saved data and ignores what is not its own.
+        let raw = unsafe { d.create_pipeline_cache(&info, None) }.map_err(vulkan("vkCreatePipelineCache"))?;
+        Ok(PipelineCache { raw, file })
+    }
+
+    /// Saves and destroys it. A cache that cannot be saved costs time at the next start, nothing else.
+    pub fn close(&self, d: &ash::Device) {
         // SAFETY: the cache belongs to this device.
-        if let (Some(path), Ok(data)) = (&self.cache_file, unsafe { self.device.raw.get_pipeline_cache_data(self.cache) }) {
+        if let (Some(path), Ok(data)) = (&self.file, unsafe { d.get_pipeline_cache_data(self.raw) }) {
             let temporary = path.with_extension(std::process::id().to_string());
             let folder = path.parent().map(std::fs::create_dir_all);
             if folder.is_some_and(|f| f.is_ok()) && std::fs::write(&temporary, data).is_ok() {
                 let _ = std::fs::rename(&temporary, path);
             }
         }
-        // SAFETY: pipelines of this layout are dropped by their owner before it, with the queue idle.
-        unsafe {
-            self.device.raw.destroy_pipeline_cache(self.cache, None);
-            self.device.raw.destroy_pipeline_layout(self.raw, None);
-            self.device.raw.destroy_descriptor_pool(self.pool, None);
-            self.device.raw.destroy_descriptor_set_layout(self.set_layout, None);
-        }
+        // SAFETY: no pipeline is being built any more.
+        unsafe { d.destroy_pipeline_cache(self.raw, None) };
     }
+}
+
+/// File of the pipeline cache, by driver.
+fn cache_path(name: &str) -> Option<PathBuf> {
+    let home = || std::env::var_os("HOME").map(|h| PathBuf::from(h).join(".cache"));
+    let folder = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from).or_else(home)?;
+    let name: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+    Some(folder.join("nullray").join(format!("pipelines-{name}.bin")))
 }
 
 /// A kernel ready to run.
@@ -158,7 +171,7 @@ impl Pipeline {
                 .name(c"main")
                 .specialization_info(&specialization);
             let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout.raw)];
-            let created = device.raw.create_compute_pipelines(layout.cache, &info, None);
+            let created = device.raw.create_compute_pipelines(device.pipeline_cache.raw, &info, None);
             device.raw.destroy_shader_module(module, None);
             let raw = created.map_err(|(_, e)| vulkan("vkCreateComputePipelines")(e))?[0];
             device.set_name(raw, name);

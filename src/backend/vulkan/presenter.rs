@@ -108,17 +108,17 @@ impl Presenter {
         self.stale = true;
     }
 
-    /// Shows a canvas stretched over the window, and panels on top.
+    /// Shows a canvas stretched over the window, and panels on top; says whether they are shown.
     ///
     /// A window that cannot be seen or changes too fast goes without this frame.
-    pub fn present(&mut self, canvas: Option<&Arc<Canvas>>, panels: Option<Panels<'_>>) -> Result<()> {
+    pub fn present(&mut self, canvas: Option<&Arc<Canvas>>, panels: Option<Panels<'_>>) -> Result<bool> {
         self.finish_frame()?;
         self.overlay.free_retired()?;
         if let Some(panels) = &panels {
             self.overlay.update(&self.device, self.pool, panels.textures)?;
         }
-        let Some(index) = self.acquire()? else { return Ok(()) };
-        let Some(swapchain) = &self.swapchain else { return Ok(()) };
+        let Some(index) = self.acquire()? else { return Ok(false) };
+        let Some(swapchain) = &self.swapchain else { return Ok(false) };
         let (target, extent) = (swapchain.targets[index as usize], swapchain.extent);
         self.record(target, extent, canvas, panels.as_ref())?;
         self.submit(target)?;
@@ -154,7 +154,7 @@ impl Presenter {
             let Some(swapchain) = &self.swapchain else { return Ok(None) };
             match swapchain.acquire(self.acquired) {
                 Ok((index, changed)) => {
-                    self.stale = changed;
+                    self.stale = changed && !swapchain.fits();
                     return Ok(Some(index));
                 }
                 Err(vk::Result::ERROR_OUT_OF_DATE_KHR | vk::Result::ERROR_SURFACE_LOST_KHR) => self.stale = true,
@@ -247,17 +247,22 @@ impl Presenter {
         Ok(())
     }
 
-    /// Shows the submitted frame.
-    fn show(&mut self, index: u32) -> Result<()> {
-        let Some(swapchain) = &self.swapchain else { return Ok(()) };
+    /// Shows the submitted frame, unless the window has changed too much for it.
+    fn show(&mut self, index: u32) -> Result<bool> {
+        let Some(swapchain) = &self.swapchain else { return Ok(false) };
         self.window.pre_present_notify();
         let outcome = swapchain.present(*self.device.queue(), index);
         match outcome {
-            Ok(changed) => self.stale |= changed,
-            Err(vk::Result::ERROR_OUT_OF_DATE_KHR | vk::Result::ERROR_SURFACE_LOST_KHR) => self.stale = true,
-            Err(e) => return Err(failed("vkQueuePresentKHR")(e)),
+            Ok(changed) => {
+                self.stale |= changed && !swapchain.fits();
+                Ok(true)
+            }
+            Err(vk::Result::ERROR_OUT_OF_DATE_KHR | vk::Result::ERROR_SURFACE_LOST_KHR) => {
+                self.stale = true;
+                Ok(false)
+            }
+            Err(e) => Err(failed("vkQueuePresentKHR")(e)),
         }
-        Ok(())
     }
 }
 

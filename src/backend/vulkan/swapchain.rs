@@ -9,8 +9,8 @@ use std::sync::Arc;
 use winit::raw_window_handle::{HandleError, HasDisplayHandle, HasWindowHandle};
 use winit::window::Window;
 
-/// How long to wait for an image (nanoseconds): a compositor gives none for a window that cannot be seen.
-const IMAGE_WAIT: u64 = 100_000_000;
+/// How long to wait for an image (nanoseconds): a picture of a slow screen. A compositor gives none for a window that cannot be seen.
+const IMAGE_WAIT: u64 = 40_000_000;
 
 /// Formats of images whose bytes are shown as they are.
 const FORMATS: [vk::Format; 3] = [vk::Format::B8G8R8A8_UNORM, vk::Format::R8G8B8A8_UNORM, vk::Format::A8B8G8R8_UNORM_PACK32];
@@ -53,6 +53,12 @@ impl Surface {
         let missing = || Error::NoDevice { missing: format!("{} offers the window no 8-bit UNORM colours", device.report.name) };
         FORMATS.into_iter().find(is_offered).ok_or_else(missing)
     }
+
+    /// What images for the window must be like at the moment.
+    fn limits(&self, device: &Device) -> VkResult<vk::SurfaceCapabilitiesKHR> {
+        // SAFETY: device and surface belong to one instance.
+        unsafe { self.functions.get_physical_device_surface_capabilities(device.report.handle, self.raw) }
+    }
 }
 
 impl Drop for Surface {
@@ -77,7 +83,7 @@ pub(super) struct Swapchain {
     pub extent: vk::Extent2D,
     pub targets: Vec<Target>,
     device: Arc<Device>,
-    _surface: Arc<Surface>,
+    surface: Arc<Surface>,
 }
 
 impl Swapchain {
@@ -90,14 +96,9 @@ impl Swapchain {
         wanted: vk::Extent2D,
         old: Option<Swapchain>,
     ) -> VkResult<Option<Swapchain>> {
-        let physical = device.report.handle;
+        let limits = surface.limits(device)?;
         // SAFETY: device and surface belong to one instance.
-        let (limits, modes) = unsafe {
-            (
-                surface.functions.get_physical_device_surface_capabilities(physical, surface.raw)?,
-                surface.functions.get_physical_device_surface_present_modes(physical, surface.raw)?,
-            )
-        };
+        let modes = unsafe { surface.functions.get_physical_device_surface_present_modes(device.report.handle, surface.raw)? };
         let (least, most) = (limits.min_image_extent, limits.max_image_extent);
         let extent = match limits.current_extent {
             vk::Extent2D { width: u32::MAX, .. } => vk::Extent2D {
@@ -132,7 +133,7 @@ impl Swapchain {
         let functions = khr::swapchain::Device::new(&device.instance.raw, &device.raw);
         // SAFETY: the surface has no other swapchain than the old one; `info` is complete.
         let raw = unsafe { functions.create_swapchain(&info, None)? };
-        let mut swapchain = Swapchain { functions, raw, extent, targets: vec![], device: device.clone(), _surface: surface.clone() };
+        let mut swapchain = Swapchain { functions, raw, extent, targets: vec![], device: device.clone(), surface: surface.clone() };
         drop(old);
         device.set_name(raw, "window");
         swapchain.add_targets(format)?;
@@ -166,6 +167,13 @@ impl Swapchain {
     pub fn acquire(&self, ready: vk::Semaphore) -> VkResult<(u32, bool)> {
         // SAFETY: the last wait for `ready` is over, because the frame that waited for it is.
         unsafe { self.functions.acquire_next_image(self.raw, IMAGE_WAIT, ready, vk::Fence::null()) }
+    }
+
+    /// Whether its images are as large as the window, or the window leaves that open. Others that the window would like better
+    /// are not worth a new swapchain in every frame.
+    pub fn fits(&self) -> bool {
+        let size = self.surface.limits(&self.device).map(|l| l.current_extent);
+        size.is_ok_and(|size| size == self.extent || size.width == u32::MAX)
     }
 
     /// Shows an image once it is drawn; says whether the window has changed.
