@@ -222,8 +222,7 @@ impl Refinement {
         if self.is_complete() {
             return Ok(0);
         }
-        let level = REDUCTIONS.iter().position(|r| *r == self.reduction).unwrap_or(0);
-        let row_time = self.recent.unwrap_or_else(|| pace.cost(level)) * f64::from(self.width);
+        let row_time = self.recent.unwrap_or_else(|| pace.cost(self.level())) * f64::from(self.width);
         // Nothing measured yet: a few rows tell.
         let affordable = if row_time.is_finite() { (budget.as_secs_f64() / row_time) as u32 } else { 4 };
         if self.row == 0 {
@@ -238,10 +237,26 @@ impl Refinement {
         self.spent += time;
         self.row += rows;
         if self.row == self.height {
-            pace.measured(level, u64::from(self.height) * u64::from(self.width) * u64::from(self.batch), self.spent);
+            pace.measured(self.level(), self.pass_samples(), self.spent);
             self.done += self.batch;
             (self.row, self.spent) = (0, Duration::ZERO);
         }
         Ok(samples)
+    }
+
+    /// Takes note of a pass that will not be finished, if it has cost more already than all of it should have.
+    pub fn give_up(&self, pace: &mut Interactive) {
+        if self.spent.as_secs_f64() > pace.cost(self.level()) * self.pass_samples() as f64 {
+            pace.measured(self.level(), self.pass_samples(), self.spent);
+        }
+    }
+
+    fn level(&self) -> usize {
+        REDUCTIONS.iter().position(|r| *r == self.reduction).unwrap_or(0)
+    }
+
+    /// Samples of pixels of the pass that is under way.
+    fn pass_samples(&self) -> u64 {
+        u64::from(self.height) * u64::from(self.width) * u64::from(self.batch)
     }
 }

@@ -25,7 +25,7 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use support::{distance, world};
+use support::{distance, new_parameters_are_as_good_as_a_new_world, world};
 use winit::keyboard::{KeyCode, PhysicalKey};
 
 const POSE: Pose =
@@ -101,10 +101,11 @@ fn flight_goes_on_while_keys_are_down() {
 fn clicks_are_told_from_drags_and_answers_are_timed() {
     let from = glam::DVec2::new(10.0, 10.0);
     let mut drag = Drag::Orbit { from, moved: false };
-    drag.follow(from + 2.0);
+    drag.follow(from + 2.0, 1.0);
+    drag.follow(from + 4.0, 2.0);
     assert_eq!(drag, Drag::Orbit { from, moved: false });
-    drag.follow(from + 20.0);
-    drag.follow(from);
+    drag.follow(from + 20.0, 1.0);
+    drag.follow(from, 1.0);
     assert_eq!(drag, Drag::Orbit { from, moved: true });
     let mut latency = Latency::default();
     assert_eq!((latency.median(), latency.max()), (None, None));
@@ -220,6 +221,32 @@ fn documents_are_saved_and_read_again() {
 }
 
 #[test]
+fn saving_keeps_what_others_wrote() {
+    let folder = Folder::new("others");
+    let mut document = document(&folder, &["film.samples=3"]);
+    let path = document.path().unwrap().to_owned();
+    std::fs::write(&path, "[camera\n").unwrap();
+    assert!(matches!(document.save(&path), Err(Error::Io { .. })));
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), "[camera\n");
+    std::fs::remove_file(&path).unwrap();
+    document.save(&path).unwrap();
+    // An assignment that the file holds is not made again.
+    document.set("film.samples", 5i64.into()).unwrap();
+    document.save(&path).unwrap();
+    assert_eq!(document.reread().unwrap().number("film.samples"), Some(5.0));
+    #[cfg(unix)]
+    {
+        let link = folder.0.join("link.toml");
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        let mut linked = Document::open(Some(&link), &[]).unwrap();
+        linked.set("film.samples", 6i64.into()).unwrap();
+        linked.save(&link).unwrap();
+        assert!(link.is_symlink());
+        assert_eq!(document.reread().unwrap().number("film.samples"), Some(6.0));
+    }
+}
+
+#[test]
 fn unchanged_assets_are_not_read_again() {
     let folder = Folder::new("assets");
     let mesh = folder.0.join("triangle.obj");
@@ -280,19 +307,56 @@ fn the_subject_keeps_its_camera_and_saves_it() {
 }
 
 #[test]
+fn every_save_holds_the_present_development() {
+    let folder = Folder::new("development");
+    let document = document(&folder, &[]);
+    let path = document.path().unwrap().to_owned();
+    let scene = document.to_scene(&mut Assets::default()).unwrap();
+    let mut subject = Subject::new(document, scene, true);
+    for stops in [2.0, 0.0, 2.0] {
+        subject.apply(vec![Action::Exposure(stops)]);
+        subject.save(|| unreachable!("it has a file")).unwrap();
+        assert_eq!(Document::open(Some(&path), &[]).unwrap().number("film.exposure"), Some(stops));
+    }
+    // An edit of something else keeps what was not saved.
+    subject.apply(vec![Action::Exposure(1.0), Action::Set { key: "sphere.0.radius".into(), value: 2i64.into() }]);
+    let number = subject.request(1, (4, 4)).source.number;
+    let mut scene = subject.document().to_scene(&mut Assets::default()).unwrap();
+    assert!(!subject.loaded(number, scene.clone()));
+    assert_eq!(subject.development().exposure, 1.0);
+    // One of the exposure itself does not.
+    scene.film.exposure = -1.0;
+    assert!(subject.loaded(number, scene));
+    assert_eq!(subject.development().exposure, -1.0);
+}
+
+#[test]
 fn paths_lead_from_the_camera_to_the_end() {
     let mut backend = CpuBackend::new(Some(1)).unwrap();
     backend.upload(Arc::new(world("[spacetime]\nkind = \"schwarzschild\"\nmass = 0.5")), Precision::F64, 0).unwrap();
     let ray = TraceRay::looking([3.0, 0.0, -10.0], [0.0, 0.0, 1.0]);
     let options = TraceOptions { tolerance: 1e-6, stop: Default::default(), max_steps: Some(10_000) };
-    let (end, path) = trace_path(&mut backend, &ray, options, 40).unwrap().unwrap();
+    let (end, path) = trace_path(&mut backend, &ray, options, 40, || true).unwrap().unwrap();
     assert_eq!(end.status, STATUS_ESCAPED);
     assert!((3..=43).contains(&path.len()), "{} points", path.len());
     assert_eq!((path[0], *path.last().unwrap()), (ray.origin, end.position));
     // It bends towards the hole, and no point is far from the way from one to the next.
     assert!(path.iter().any(|p| p[2] > 5.0 && p[0] < 2.9), "{path:?}");
+    // It ends where it is told to.
+    let mut left = 3;
+    let go_on = || {
+        left -= 1;
+        left >= 0
+    };
+    let (_, part) = trace_path(&mut backend, &ray, options, 40, go_on).unwrap().unwrap();
+    assert!((2..=4).contains(&part.len()) && path.starts_with(&part) && part.len() < path.len(), "{part:?}");
     let whole: f64 = path.windows(2).map(|w| distance(w[0], w[1])).sum();
     assert!(whole <= end.length * (1.0 + 1e-9) && whole > 0.9 * end.length, "{whole} of {}", end.length);
+}
+
+#[test]
+fn a_moved_camera_needs_no_new_world() {
+    new_parameters_are_as_good_as_a_new_world(&mut CpuBackend::new(None).unwrap());
 }
 
 /// A backend whose pixels cost what they are told to, and which counts what is asked of it.
@@ -402,6 +466,24 @@ fn coarseness_follows_the_cost() {
     assert!(reduction <= 2, "{reduction}");
     assert_eq!(reduced(1, 1, 16), (1, 1));
     assert_eq!(reduced(333, 211, 4), (84, 53));
+}
+
+#[test]
+fn passes_that_are_given_up_tell_what_they_cost() {
+    let (size, budget) = ((320, 200), Duration::from_millis(16));
+    let mut pace = Interactive::default();
+    fill(&mut pace, size, 1, 1, Duration::from_nanos(10), budget);
+    let mut film = Refinement::new(size.0, size.1, 1, 1);
+    let mut backend = Dummy::new(size, Duration::from_micros(20));
+    film.give_up(&mut pace);
+    assert_eq!(pace.reduction(size.0, size.1, budget), 1);
+    // Everything has become 2000 times dearer; rows that are believed to be cheap are rendered a few at a time.
+    for _ in 0..10 {
+        film.advance(&mut backend, &mut pace, Duration::from_micros(20)).unwrap();
+    }
+    assert!(!film.is_even());
+    film.give_up(&mut pace);
+    assert!(pace.reduction(size.0, size.1, budget) > 1);
 }
 
 #[test]

@@ -4,7 +4,7 @@
 //! and meant for plots.
 
 use super::{Backend, TraceOptions, TraceRay, TraceResult};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::kernels::constants::STATUS_EXHAUSTED;
 
 /// Hands every place behind the start of each ray to `push`, with the ray's index: where it is after each `stride` steps, and its end.
@@ -27,7 +27,8 @@ pub fn trace_steps(
             break;
         }
         go_on()?;
-        let batch: Vec<TraceRay> = going.iter().chain(&anchors).map(|&i| rays[i]).collect();
+        let others = anchors.iter().filter(|anchor| going.binary_search(anchor).is_err());
+        let batch: Vec<TraceRay> = going.iter().chain(others).map(|&i| rays[i]).collect();
         let stepped = backend.trace(&batch, TraceOptions { max_steps: Some(steps), ..options })?;
         for (&i, at) in going.iter().zip(&stepped).filter(|(_, at)| at.status == STATUS_EXHAUSTED) {
             push(i, at);
@@ -37,12 +38,14 @@ pub fn trace_steps(
     Ok(())
 }
 
-/// Traces a ray to its end; also returns its path from start to end, of at most about `points` points.
+/// Traces a ray to its end; also returns its path from start to end, of at most about `points` points. Once `go_on` says no, which is
+/// asked before each point, the path ends.
 pub fn trace_path(
     backend: &mut dyn Backend,
     ray: &TraceRay,
     options: TraceOptions,
     points: u32,
+    mut go_on: impl FnMut() -> bool,
 ) -> Result<Option<(TraceResult, Vec<[f64; 3]>)>> {
     let rays = [*ray];
     let ends = backend.trace(&rays, options)?;
@@ -55,8 +58,11 @@ pub fn trace_path(
             path.push(at.position);
         }
     };
-    trace_steps(backend, &rays, &ends, options, stride, || Ok(()), extend)?;
-    Ok(Some((end, path)))
+    let check = || if go_on() { Ok(()) } else { Err(Error::Interrupted) };
+    match trace_steps(backend, &rays, &ends, options, stride, check, extend) {
+        Ok(()) | Err(Error::Interrupted) => Ok(Some((end, path))),
+        Err(e) => Err(e),
+    }
 }
 
 /// Rays that start furthest out along each axis. The region that is integrated reaches around all rays that are traced together, so some
@@ -68,5 +74,7 @@ fn outermost(rays: &[TraceRay]) -> Vec<usize> {
         indices.extend((0..rays.len()).min_by(order));
         indices.extend((0..rays.len()).max_by(order));
     }
+    indices.sort_unstable();
+    indices.dedup();
     indices
 }

@@ -1,5 +1,6 @@
 //! `nullray view`: the window.
 
+use super::render::check_writable;
 use super::{BackendChoice, DeviceArgs, SceneArgs, print_line};
 use crate::backend::Precision;
 use crate::error::{Error, Result};
@@ -27,9 +28,12 @@ pub struct ViewArgs {
 }
 
 pub fn run(args: &ViewArgs) -> Result<()> {
-    if let Some(path) = args.screenshot.as_ref().filter(|p| !p.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))) {
-        let argument = format!("--screenshot {}", path.display());
-        return Err(Error::Usage { argument, reason: "expected a file name ending in .png".into() });
+    if let Some(path) = &args.screenshot {
+        if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+            let argument = format!("--screenshot {}", path.display());
+            return Err(Error::Usage { argument, reason: "expected a file name ending in .png".into() });
+        }
+        check_writable(path)?;
     }
     let summary = viewer::run(ViewOptions {
         scene: args.scene.clone(),

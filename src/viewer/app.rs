@@ -76,10 +76,7 @@ impl ApplicationHandler<Wake> for App {
     }
 
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
-        self.with_stage(event_loop, |stage| {
-            stage.tick(event_loop);
-            Ok(())
-        });
+        self.with_stage(event_loop, |stage| stage.tick(event_loop));
     }
 
     fn exiting(&mut self, _: &ActiveEventLoop) {

@@ -24,27 +24,26 @@ impl Canvases {
 
     /// A canvas of this size, painted.
     pub fn painted(&mut self, (width, height): (u32, u32), paint: impl FnOnce(&mut Canvas) -> Result<()>) -> Result<Arc<Canvas>> {
-        let is_free = |c: &mut Arc<Canvas>| (c.width(), c.height()) == (width, height) && Arc::get_mut(c).is_some();
-        let index = match self.kept.iter_mut().position(is_free) {
-            Some(index) => index,
+        let is_free = |c: &Arc<Canvas>| (c.width(), c.height()) == (width, height) && Arc::strong_count(c) == 1;
+        let free = self.kept.iter().position(is_free).and_then(|index| Arc::into_inner(self.kept.swap_remove(index)));
+        let mut canvas = match free {
+            Some(canvas) => canvas,
             None => {
                 if self.kept.len() >= MOST {
-                    self.kept.retain_mut(|c| Arc::get_mut(c).is_none());
+                    self.kept.retain(|c| Arc::strong_count(c) > 1);
                 }
-                self.kept.push(Arc::new(Canvas::new(&self.device, width, height, self.by_host)?));
-                self.kept.len() - 1
+                Canvas::new(&self.device, width, height, self.by_host)?
             }
         };
-        let shared = &mut self.kept[index];
-        if let Some(canvas) = Arc::get_mut(shared) {
-            paint(canvas)?;
-        }
-        Ok(shared.clone())
+        paint(&mut canvas)?;
+        let canvas = Arc::new(canvas);
+        self.kept.push(canvas.clone());
+        Ok(canvas)
     }
 
     /// The pixels of a picture of this size.
     pub fn pixels(&self, (width, height): (u32, u32), paint: impl FnOnce(&mut Canvas) -> Result<()>) -> Result<Vec<[u8; 3]>> {
-        let mut canvas = Canvas::new(&self.device, width, height, true)?;
+        let mut canvas = Canvas::for_reading(&self.device, width, height)?;
         paint(&mut canvas)?;
         Ok(canvas.pixels_mut()?.iter().map(|&[r, g, b, _]| [r, g, b]).collect())
     }

@@ -7,14 +7,20 @@ use crate::error::{Error, Result};
 use crate::film::write_atomically;
 use crate::scene::{Assets, Scene, parse_scene_with, read_scene};
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value};
+
+/// When a file was changed, and its size.
+pub(super) type Stamp = Option<(SystemTime, u64)>;
 
 /// A scene file in the making.
 #[derive(Clone, Debug)]
 pub struct Document {
     /// Where it was read from or saved to; the built-in scene has no file.
     path: Option<PathBuf>,
-    /// Assignments of the command line, which are made again whenever the file is read.
+    /// The file as it was read or written.
+    stamp: Stamp,
+    /// Assignments of the command line, which are made again whenever the file is read, until it holds them.
     overrides: Vec<String>,
     toml: DocumentMut,
 }
@@ -22,6 +28,8 @@ pub struct Document {
 impl Document {
     /// Reads a scene file, or the built-in scene, and makes the assignments `key.path=value`.
     pub fn open(path: Option<&Path>, overrides: &[String]) -> Result<Document> {
+        // Before it is read: what is written meanwhile is a change.
+        let stamp = path.and_then(stamp_of);
         let (name, text) = read_scene(path)?;
         let toml: DocumentMut = text.parse().map_err(|e: toml_edit::TomlError| {
             let before = &text[..e.span().map_or(0, |s| s.start.min(text.len()))];
@@ -29,7 +37,7 @@ impl Document {
             let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
             Error::Scene { path: name.clone(), line, column, reason: e.message().replace('\n', ", ") }
         })?;
-        let mut document = Document { path: path.map(Path::to_owned), overrides: overrides.to_vec(), toml };
+        let mut document = Document { path: path.map(Path::to_owned), stamp, overrides: overrides.to_vec(), toml };
         for assignment in overrides {
             let fail = |reason: &str| Error::Override { assignment: assignment.clone(), reason: reason.into() };
             let (key, value) = assignment.split_once('=').ok_or_else(|| fail("expected key.path=value"))?;
@@ -47,6 +55,16 @@ impl Document {
     /// Its file, if it has one.
     pub fn path(&self) -> Option<&Path> {
         self.path.as_deref()
+    }
+
+    /// The file as it was read or written.
+    pub(super) fn stamp(&self) -> Stamp {
+        self.stamp
+    }
+
+    /// The file as it is now.
+    pub(super) fn stamp_now(&self) -> Stamp {
+        self.path().and_then(stamp_of)
     }
 
     /// What errors and files beside it are named after.
@@ -137,13 +155,26 @@ impl Document {
         }
     }
 
-    /// Writes the text to a file, which becomes its own.
+    /// Writes the text to a file, which becomes its own. Refuses its file if that has changed since it was read.
     pub fn save(&mut self, path: &Path) -> Result<()> {
+        let fail = |source| Error::Io { path: path.into(), source };
+        let now = stamp_of(path);
+        if self.path() == Some(path) && now.is_some() && now != self.stamp {
+            return Err(fail(std::io::Error::other("it has changed since it was read; remove it to save this scene in its place")));
+        }
         let text = self.text();
-        write_atomically(path, |to| std::fs::write(to, &text).map_err(|source| Error::Io { path: path.into(), source }))?;
-        self.path = Some(path.to_owned());
+        // The file that a link leads to, not the link.
+        let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        write_atomically(&target, |to| std::fs::write(to, &text).map_err(fail))?;
+        (self.path, self.stamp) = (Some(path.to_owned()), stamp_of(path));
+        self.overrides.clear();
         Ok(())
     }
+}
+
+fn stamp_of(path: &Path) -> Stamp {
+    let metadata = std::fs::metadata(path).ok()?;
+    Some((metadata.modified().ok()?, metadata.len()))
 }
 
 /// The parts of a key; indices may also stand in brackets.

@@ -31,7 +31,7 @@ pub enum Command {
     SaveFilm,
     /// Write the scene with its present state.
     SaveScene,
-    /// Close the window.
+    /// Close the window, or what is open in it.
     Quit,
 }
 
@@ -124,7 +124,7 @@ const ENTRIES: &[Entry] = &[
     Entry { shown: "P", does: "save the picture (PNG)", keys: &[(Printed("p"), Command::Screenshot)] },
     Entry { shown: "F", does: "save the film (EXR)", keys: &[(Printed("f"), Command::SaveFilm)] },
     Entry { shown: "Ctrl+S", does: "save the scene with its present state", keys: &[(Control("s"), Command::SaveScene)] },
-    Entry { shown: "Esc", does: "quit", keys: &[(Named(NamedKey::Escape), Command::Quit)] },
+    Entry { shown: "Esc", does: "close these keys or a menu, or quit", keys: &[(Named(NamedKey::Escape), Command::Quit)] },
 ];
 
 /// What a key asks for, by its place, by what it types, and by whether Ctrl is down with it.

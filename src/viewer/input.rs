@@ -13,8 +13,10 @@ const NOTCH: f64 = 1.25;
 const HURRY: f64 = 4.0;
 /// Flight of a key that is only tapped, and longest step of one that is held.
 const STEPS: (Duration, Duration) = (Duration::from_millis(30), Duration::from_millis(100));
-/// Pixels that the mouse may move in a click.
+/// Points that the mouse may move in a click.
 const CLICK: f64 = 4.0;
+/// Points beside the border of the split view where it is taken hold of.
+pub const GRIP: f64 = 6.0;
 /// Latencies that are remembered.
 const REMEMBERED: usize = 1000;
 
@@ -91,10 +93,10 @@ pub enum Drag {
 }
 
 impl Drag {
-    /// Takes note of where the mouse is.
-    pub fn follow(&mut self, at: DVec2) {
+    /// Takes note of where the mouse is, with so many pixels to a point.
+    pub fn follow(&mut self, at: DVec2, scale: f64) {
         if let Drag::Orbit { from, moved } = self {
-            *moved |= from.distance(at) > CLICK;
+            *moved |= from.distance(at) > CLICK * scale;
         }
     }
 }

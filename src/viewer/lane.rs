@@ -25,7 +25,7 @@ impl Lane {
         Lane { backend, precision, pace: Interactive::default(), held: None, film: Refinement::new(1, 1, 1, 0) }
     }
 
-    /// Gives the backend a world, unless it has it. If that fails it keeps the one it had.
+    /// Gives the backend a world, unless it has it. If that fails it gets back the one it had, as far as it can take that.
     pub fn load(&mut self, scene: &Scene, world: &Arc<World>) -> Result<()> {
         if self.held.as_ref().is_some_and(|(_, held)| Arc::ptr_eq(held, world)) {
             return Ok(());
@@ -39,8 +39,11 @@ impl Lane {
             }
             return Err(e);
         }
+        // What an edit costs is close to what was measured before, but models have little in common.
+        if self.held.as_ref().is_some_and(|(_, held)| held.model != world.model) {
+            self.pace = Interactive::default();
+        }
         self.held = Some((scene.clone(), world.clone()));
-        self.pace = Interactive::default();
         Ok(())
     }
 
@@ -56,6 +59,7 @@ impl Lane {
         eye.apply(&mut scene.camera);
         (scene.film.width, scene.film.height) = film.size();
         self.backend.set_parameters(&world.parameters_for(scene)?)?;
+        self.film.give_up(&mut self.pace);
         self.film = film;
         Ok(())
     }

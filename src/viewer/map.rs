@@ -9,7 +9,7 @@ use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Sense, Stroke, StrokeKi
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;
 use std::f64::consts::TAU;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 /// Shapes beyond this many are left out.
 const MAX_SHAPES: usize = 4000;
@@ -31,8 +31,8 @@ pub struct Map {
     reach: f64,
     /// The pick it was fitted to: its pixel and its end.
     fitted: Option<((u32, u32), [f64; 3])>,
-    /// Borders of meshes by address, which take long to find.
-    meshes: HashMap<usize, [DVec2; 2]>,
+    /// Borders of meshes, which take long to find, by addresses that nothing else gets as long as they are watched.
+    meshes: HashMap<usize, (Weak<Mesh>, [DVec2; 2])>,
 }
 
 /// From the world to the window.
@@ -135,8 +135,9 @@ impl Map {
             Geometry::Disc { center, normal, outer_radius, .. } => circle(*center, *normal, *outer_radius),
             Geometry::AccretionDisc(disc) => circle(disc.center, disc.normal, outer_radius(disc, scene)),
             Geometry::Mesh(mesh) => {
-                let [low, high] = *self.meshes.entry(Arc::as_ptr(mesh).addr()).or_insert_with(|| borders(mesh));
-                vec![low, DVec2::new(high.x, low.y), high, DVec2::new(low.x, high.y)]
+                let entry = self.meshes.entry(Arc::as_ptr(mesh).addr());
+                let (_, [low, high]) = entry.or_insert_with(|| (Arc::downgrade(mesh), borders(mesh)));
+                vec![*low, DVec2::new(high.x, low.y), *high, DVec2::new(low.x, high.y)]
             }
         };
         painter.add(egui::Shape::closed_line(outline.iter().map(|p| projection.pos(*p)).collect(), stroke));

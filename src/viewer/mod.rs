@@ -2,7 +2,7 @@
 //!
 //! | module | what it holds |
 //! | --- | --- |
-//! | [`worker`] | the render thread's two ends; what it does is in `renderer`, `lane`, `canvases`, `pick` |
+//! | [`worker`] | the render thread's two ends; what it does is in `renderer`, `loaded`, `lane`, `canvases`, `pick` |
 //! | [`subject`] | what is looked at: [`document`], camera ([`navigation`]), development |
 //! | [`panels`] | what is drawn over the picture, from [`parameters`], [`map`], [`help`]; [`model`] is what both sides share |
 //! | `app`, `stage` | the event loop, and the one window it has; [`input`] is what hands do |
@@ -14,6 +14,7 @@ pub mod help;
 pub mod history;
 pub mod input;
 mod lane;
+mod loaded;
 pub mod map;
 pub mod model;
 pub mod navigation;
@@ -94,7 +95,7 @@ pub fn run(options: ViewOptions) -> Result<Summary> {
         // An assignment that is to blame is named by the loader.
         Err(e) => load_scene(options.scene.as_deref(), &options.overrides).and(Err(e))?,
     };
-    let world = renderer::compile(&scene)?;
+    let world = loaded::compile(&scene)?;
     if world.dark {
         let name = document.name();
         eprintln!("nullray: warning: {}: nothing emits light and the environment is black, the picture will be too", name.display());

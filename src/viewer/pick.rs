@@ -17,8 +17,8 @@ const FAR: f64 = 50.0;
 /// Least error allowed per step, in scene units.
 const LEAST_TOLERANCE: f64 = 1e-6;
 
-/// Follows the ray through the middle of a pixel of a window of this size.
-pub fn pick(lane: &mut Lane, pixel: (u32, u32), (width, height): (u32, u32)) -> Result<Option<Pick>> {
+/// Follows the ray through the middle of a pixel of a window of this size; its path ends early once `go_on` says no.
+pub fn pick(lane: &mut Lane, pixel: (u32, u32), (width, height): (u32, u32), go_on: impl FnMut() -> bool) -> Result<Option<Pick>> {
     let Some((backend, scene, world)) = lane.parts() else { return Ok(None) };
     let mut parameters = world.parameters_for(scene)?;
     // The ray through the middle of the lens.
@@ -32,9 +32,9 @@ pub fn pick(lane: &mut Lane, pixel: (u32, u32), (width, height): (u32, u32)) -> 
     let tolerance = (scene.integrator.tolerance * width_there).max(LEAST_TOLERANCE);
     let options = TraceOptions { tolerance, stop: Stop::Never, max_steps: Some(scene.integrator.max_steps) };
     let ray = TraceRay::looking(origin.to_array(), direction.to_array());
-    let Some((end, mut path)) = trace_path(backend, &ray, options, POINTS)? else { return Ok(None) };
-    if end.status == STATUS_ESCAPED {
-        // Straight on to where any map is left: light does not bend out there.
+    let Some((end, mut path)) = trace_path(backend, &ray, options, POINTS, go_on)? else { return Ok(None) };
+    if end.status == STATUS_ESCAPED && path.last() == Some(&end.position) {
+        // It ends where light no longer bends: straight on to where any map is left.
         let far = FAR * scene.camera.focus_distance;
         path.retain(|p| DVec3::from(*p).distance(origin) <= far);
         let last = path.last().map_or(origin, |p| DVec3::from(*p));

@@ -2,15 +2,15 @@
 
 use super::canvases::Canvases;
 use super::lane::Lane;
+use super::loaded::{BENT, Loaded, STRAIGHT, compile};
 use super::model::FrameInfo;
 use super::pick::pick;
 use super::worker::{Frame, Inbox, Job, Report, Request, Shared, Start};
 use crate::backend::{Backend, Canvas, Development, KernelTiming, Precision};
 use crate::error::Result;
 use crate::film::{Film, Statistics, write_exr, write_pixels};
-use crate::scene::{Assets, Scene, Spacetime, parse_scene_with};
+use crate::scene::{Assets, Scene, parse_scene_with};
 use crate::scheduler::Refinement;
-use crate::world::World;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -23,44 +23,10 @@ const INTERVAL: Duration = Duration::from_millis(33);
 const PATIENCE: Duration = Duration::from_millis(250);
 /// Time that the first picture of a still view may take: where all of it takes longer, finer ones lead up to it.
 const FIRST_PICTURE: Duration = Duration::from_millis(500);
+/// Longest that news waits for the first picture of another view.
+const ENDURANCE: Duration = Duration::from_secs(2);
 /// Pixels of a film that is looked through for what its rays cost.
 const CENSUS_PIXELS: u64 = 1 << 18;
-
-/// Lanes by the kind of light.
-const BENT: usize = 0;
-const STRAIGHT: usize = 1;
-
-/// The last scene that could be rendered.
-struct Loaded {
-    number: u64,
-    /// The scene with bent light and with straight.
-    scenes: [Scene; 2],
-    /// Their worlds, compiled when they are first asked for.
-    worlds: [Option<Arc<World>>; 2],
-}
-
-impl Loaded {
-    fn new(number: u64, scene: Scene, world: World) -> Loaded {
-        let straight = Scene { spacetime: Spacetime::flat(), ..scene.clone() };
-        Loaded { number, scenes: [scene, straight], worlds: [Some(Arc::new(world)), None] }
-    }
-
-    fn world(&mut self, light: usize) -> Result<Arc<World>> {
-        if let Some(world) = &self.worlds[light] {
-            return Ok(world.clone());
-        }
-        let world = Arc::new(compile(&self.scenes[light])?);
-        self.worlds[light] = Some(world.clone());
-        Ok(world)
-    }
-}
-
-/// A scene compiled for backends that start with a film of a single pixel: the window's comes later.
-pub(super) fn compile(scene: &Scene) -> Result<World> {
-    let mut world = World::compile(scene)?;
-    (world.scene.film_width, world.scene.film_height) = (1, 1);
-    Ok(world)
-}
 
 /// What a small film of the view tells about its rays.
 #[derive(Clone, Copy, Debug, Default)]
@@ -93,14 +59,17 @@ pub(super) struct Renderer {
     budget: Duration,
     canvases: Canvases,
     assets: Assets,
+    /// The last scene that could be rendered.
     loaded: Loaded,
+    /// Number of the newest text that was read, and its scene if that waits for a camera that can see it.
+    read: (u64, Option<Scene>),
+    /// From left to right, and which of them are shown.
     lanes: [Option<Lane>; 2],
+    shown: [bool; 2],
     /// A backend that no lane has yet.
     spare: Option<Box<dyn Backend>>,
     request: Option<Request>,
     jobs: Vec<Job>,
-    /// Lanes that are shown, from left to right.
-    shown: Vec<usize>,
     /// Why there is nothing to render.
     trouble: Option<String>,
     /// Why the newest scene cannot be.
@@ -131,12 +100,13 @@ impl Renderer {
             budget: start.budget,
             canvases: start.canvases,
             assets: start.assets,
-            loaded: Loaded::new(0, start.scene, start.world),
+            loaded: Loaded::new(start.scene, start.world),
+            read: (0, None),
             lanes: [None, None],
+            shown: [false; 2],
             spare: Some(start.backend),
             request: None,
             jobs: vec![],
-            shown: vec![],
             trouble: None,
             scene_trouble: None,
             told: None,
@@ -156,13 +126,14 @@ impl Renderer {
         while let Some(Inbox { request, jobs, .. }) = self.shared.take(self.rest()) {
             self.jobs.extend(jobs);
             let outcome = match request {
-                Some(request) => self.adopt(request).and_then(|()| self.work()),
+                Some(request) => self.adopt(request).and_then(|()| self.answer()).and_then(|()| self.work()),
                 None if self.trouble.is_none() => self.work(),
                 None => Ok(()),
             };
             if let Err(e) = outcome {
                 self.trouble = Some(e.to_string());
             }
+            self.do_jobs();
             self.tell_trouble();
         }
     }
@@ -184,62 +155,63 @@ impl Renderer {
     /// Takes a request over the last one.
     fn adopt(&mut self, request: Request) -> Result<()> {
         let before = self.request.replace(request.clone());
-        let reloaded = self.load(&request);
-        let same_view = before.is_some_and(|b| {
-            (b.eye, b.size, b.bending, b.split.is_some()) == (request.eye, request.size, request.bending, request.split.is_some())
-        });
+        let was_stuck = self.trouble.take().is_some();
+        if let Some((scene, loaded)) = self.read(&request) {
+            let last = std::mem::replace(&mut self.loaded, loaded);
+            let Err(e) = self.restart(&request) else {
+                self.scene_trouble = None;
+                self.census = None;
+                self.report(Report::Loaded(request.source.number, Box::new(scene)));
+                return Ok(());
+            };
+            self.scene_trouble = Some(e.to_string());
+            self.loaded = last;
+            return self.restart(&request);
+        }
         // A film without a sample has nothing to be developed from.
-        if self.trouble.take().is_some() || reloaded || !same_view || self.samples() == 0 {
+        if was_stuck || self.samples() == 0 || !before.is_some_and(|b| b.same_view(&request)) {
             return self.restart(&request);
         }
         self.is_dirty = true;
         Ok(())
     }
 
-    /// Reads the scene of a request if it is another; says whether there is a new one to render.
-    fn load(&mut self, request: &Request) -> bool {
+    /// The scene of a request, as its text has it and ready to be rendered, if it is another one that can be.
+    fn read(&mut self, request: &Request) -> Option<(Scene, Loaded)> {
         let source = &request.source;
-        if source.number == self.loaded.number {
-            return false;
+        if source.number != self.read.0 {
+            let parsed = parse_scene_with(&source.path, &source.text, &[], &mut self.assets);
+            self.scene_trouble = parsed.as_ref().err().map(ToString::to_string);
+            self.read = (source.number, parsed.ok());
         }
-        let read = parse_scene_with(&source.path, &source.text, &[], &mut self.assets).and_then(|scene| {
-            // The camera is where the window has it, not where the file does.
-            let mut seen = scene.clone();
-            request.eye.apply(&mut seen.camera);
-            let world = compile(&seen)?;
-            Ok((scene, seen, world))
-        });
-        match read {
-            Ok((scene, seen, world)) => {
-                self.loaded = Loaded::new(source.number, seen, world);
-                self.scene_trouble = None;
-                self.census = None;
-                self.report(Report::Loaded(source.number, Box::new(scene)));
-                true
-            }
+        let scene = self.read.1.take()?;
+        // The camera is where the window has it, not where the file does.
+        let mut seen = scene.clone();
+        request.eye.apply(&mut seen.camera);
+        match compile(&seen) {
+            Ok(world) => Some((scene, Loaded::new(seen, world))),
             Err(e) => {
                 self.scene_trouble = Some(e.to_string());
-                false
+                // It may be the camera's place that does not do.
+                self.read.1 = Some(scene);
+                None
             }
         }
     }
 
     /// Starts films of another view, coarse enough to answer in time.
     fn restart(&mut self, request: &Request) -> Result<()> {
-        self.shown.clear();
+        self.shown = [false; 2];
         self.changed_at = Instant::now();
-        let wanted: &[usize] = match (request.split, request.bending) {
-            (Some(_), _) => &[STRAIGHT, BENT],
-            (None, true) => &[BENT],
-            (None, false) => &[STRAIGHT],
-        };
-        let budget = self.budget / wanted.len() as u32;
+        let is_split = request.split.is_some();
+        let wanted = [is_split || !request.bending, is_split || request.bending];
+        let budget = self.budget / count(wanted);
         let mut reduction = 1;
-        for &light in wanted {
+        for light in [STRAIGHT, BENT].into_iter().filter(|&light| wanted[light]) {
             let lane = self.lane(light)?;
             reduction = reduction.max(lane.reduction(request.size, budget));
         }
-        self.shown.extend(wanted);
+        self.shown = wanted;
         self.start(request, reduction)
     }
 
@@ -260,22 +232,32 @@ impl Renderer {
 
     /// Starts the films of all lanes that are shown.
     fn start(&mut self, request: &Request, reduction: u32) -> Result<()> {
-        for lane in shown(&mut self.lanes, &self.shown) {
+        for lane in shown(&mut self.lanes, self.shown) {
             lane.start(&request.eye, request.size, reduction)?;
         }
         (self.added, self.is_new, self.is_dirty) = (0, true, false);
         Ok(())
     }
 
+    /// Renders the first picture of another view before anything else is looked at: what keeps moving would never be seen.
+    fn answer(&mut self) -> Result<()> {
+        let start = Instant::now();
+        while self.samples() == 0 && start.elapsed() < ENDURANCE && !self.shared.is_quitting() {
+            self.advance()?;
+        }
+        Ok(())
+    }
+
     /// Renders a slice, and shows what is due.
     fn work(&mut self) -> Result<()> {
         let Some(request) = self.request.clone() else { return Ok(()) };
-        if self.is_coarse() && !self.is_new && self.changed_at.elapsed() >= SETTLE {
+        if self.is_coarse() && !self.is_new && !self.is_dirty && self.changed_at.elapsed() >= SETTLE {
             self.take_census()?;
             let reduction = self.finer(request.size);
             self.start(&request, reduction)?;
         }
-        if !self.is_coarse() || self.is_new {
+        // What waits to be shown is, before more is added to it; coarse pictures get a single sample.
+        if self.samples() == 0 || !(self.is_coarse() || self.is_new || self.is_dirty) {
             self.advance()?;
         }
         if self.census.is_none() && !self.is_coarse() && self.is_even() && self.samples() > 0 {
@@ -284,13 +266,14 @@ impl Renderer {
         if self.is_due() {
             self.publish(&request)?;
         }
-        self.do_jobs(&request)
+        Ok(())
     }
 
+    /// Renders a slice of each film, but lets none go ahead.
     fn advance(&mut self) -> Result<()> {
-        let budget = self.budget / self.shown.len().max(1) as u32;
+        let (budget, least) = (self.budget / count(self.shown).max(1), self.samples());
         let start = Instant::now();
-        for lane in shown(&mut self.lanes, &self.shown) {
+        for lane in shown(&mut self.lanes, self.shown).filter(|lane| lane.film().samples() == least) {
             let samples = lane.advance(budget)?;
             self.added += samples;
             self.work.0 += samples;
@@ -311,8 +294,8 @@ impl Renderer {
 
     fn publish(&mut self, request: &Request) -> Result<()> {
         let Some(size) = self.film_size() else { return Ok(()) };
-        let (lanes, order) = (&mut self.lanes, &self.shown);
-        let canvas = self.canvases.painted(size, |canvas| develop(lanes, order, request, canvas))?;
+        let lanes = &mut self.lanes;
+        let canvas = self.canvases.painted(size, |canvas| develop(lanes, request, canvas))?;
         let info = self.info(request, size);
         self.published_at = Instant::now();
         (self.added, self.is_new, self.is_dirty) = (0, false, false);
@@ -326,7 +309,7 @@ impl Renderer {
     fn info(&mut self, request: &Request, size: (u32, u32)) -> FrameInfo {
         let mut timings: Vec<KernelTiming> = vec![];
         let mut backend = String::new();
-        for lane in shown(&mut self.lanes, &self.shown) {
+        for lane in shown(&mut self.lanes, self.shown) {
             backend = lane.backend().name();
             for timing in lane.backend().timings().totals() {
                 match timings.iter_mut().find(|t| t.kernel == timing.kernel) {
@@ -357,8 +340,7 @@ impl Renderer {
 
     /// The next reduction of a still view: at most half the present one, less if that is quick enough.
     fn finer(&self, size: (u32, u32)) -> u32 {
-        let lanes = self.shown.iter().filter_map(|&light| self.lanes[light].as_ref());
-        let quick = lanes.map(|lane| lane.reduction(size, FIRST_PICTURE)).max().unwrap_or(1);
+        let quick = self.shown_lanes().map(|lane| lane.reduction(size, FIRST_PICTURE)).max().unwrap_or(1);
         let present = self.films().map(Refinement::reduction).max().unwrap_or(1);
         quick.min(present / 2).max(1)
     }
@@ -366,8 +348,7 @@ impl Renderer {
     /// Looks through the film for what its rays cost: through a small one after every change, through a large one once.
     fn take_census(&mut self) -> Result<()> {
         let is_small = self.film_size().is_some_and(|(w, h)| u64::from(w) * u64::from(h) <= CENSUS_PIXELS);
-        // The lane on the right is the bent one.
-        let lane = lane_of(&mut self.lanes, self.shown.last());
+        let lane = shown(&mut self.lanes, self.shown).next_back();
         if let Some(lane) = lane.filter(|_| is_small || self.census.is_none()) {
             self.census = Some(Census::of(&lane.backend().film()?));
         }
@@ -375,13 +356,18 @@ impl Renderer {
     }
 
     /// Does what can be done by now.
-    fn do_jobs(&mut self, request: &Request) -> Result<()> {
-        let is_full = !self.is_coarse() && self.samples() > 0 && self.is_even();
+    fn do_jobs(&mut self) {
+        let Some(request) = self.request.as_ref().filter(|_| !self.jobs.is_empty()).cloned() else { return };
+        let is_full = self.trouble.is_none() && !self.is_coarse() && self.samples() > 0 && self.is_even();
         for job in std::mem::take(&mut self.jobs) {
             match job {
-                Job::Pick(x, y) => self.pick(request, (x, y))?,
+                Job::Open(document) => {
+                    let outcome = document.to_scene(&mut self.assets).map(drop);
+                    self.report(Report::Opened(document, outcome));
+                }
+                Job::Pick(x, y) => self.pick(&request, (x, y)),
                 Job::Screenshot(path) if is_full => {
-                    let outcome = self.screenshot(request, &path);
+                    let outcome = self.screenshot(&request, &path);
                     self.report(Report::Saved(path, outcome));
                 }
                 Job::Film(path) if is_full => {
@@ -391,29 +377,29 @@ impl Renderer {
                 later => self.jobs.push(later),
             }
         }
-        Ok(())
     }
 
-    fn pick(&mut self, request: &Request, pixel: (u32, u32)) -> Result<()> {
+    fn pick(&mut self, request: &Request, pixel: (u32, u32)) {
         let is_left = request.split.is_some_and(|split| (f64::from(pixel.0) + 0.5) < split * f64::from(request.size.0));
-        let lane = lane_of(&mut self.lanes, if is_left { self.shown.first() } else { self.shown.last() });
-        if let Some(lane) = lane
-            && let Some(picked) = pick(lane, pixel, request.size)?
-        {
-            self.report(Report::Picked(Box::new(picked)));
+        let mut lanes = shown(&mut self.lanes, self.shown);
+        let Some(lane) = (if is_left { lanes.next() } else { lanes.next_back() }) else { return };
+        let shared = &self.shared;
+        let outcome = pick(lane, pixel, request.size, || !shared.has_news());
+        drop(lanes);
+        if let Some(picked) = outcome.transpose() {
+            self.report(Report::Picked(request.revision, picked.map(Box::new)));
         }
-        Ok(())
     }
 
     fn screenshot(&mut self, request: &Request, path: &Path) -> Result<()> {
         let Some(size) = self.film_size() else { return Ok(()) };
-        let (lanes, order) = (&mut self.lanes, &self.shown);
-        let pixels = self.canvases.pixels(size, |canvas| develop(lanes, order, request, canvas))?;
+        let lanes = &mut self.lanes;
+        let pixels = self.canvases.pixels(size, |canvas| develop(lanes, request, canvas))?;
         write_pixels(path, size.0, size.1, &pixels)
     }
 
     fn save_film(&mut self, path: &Path) -> Result<()> {
-        let Some(lane) = lane_of(&mut self.lanes, self.shown.last()) else { return Ok(()) };
+        let Some(lane) = shown(&mut self.lanes, self.shown).next_back() else { return Ok(()) };
         let film = lane.backend().film()?;
         let mut metadata = vec![("version", env!("CARGO_PKG_VERSION").to_owned()), ("backend", lane.backend().name())];
         if let Some((_, scene, _)) = lane.parts() {
@@ -445,8 +431,12 @@ impl Renderer {
         }
     }
 
+    fn shown_lanes(&self) -> impl Iterator<Item = &Lane> {
+        self.lanes.iter().zip(self.shown).filter(|(_, is_shown)| *is_shown).filter_map(|(lane, _)| lane.as_ref())
+    }
+
     fn films(&self) -> impl Iterator<Item = &Refinement> {
-        self.shown.iter().filter_map(move |&light| self.lanes[light].as_ref()).map(Lane::film)
+        self.shown_lanes().map(Lane::film)
     }
 
     /// Samples in every pixel of every film.
@@ -471,30 +461,27 @@ impl Renderer {
     }
 }
 
-/// The lane of a kind of light.
-fn lane_of<'a>(lanes: &'a mut [Option<Lane>; 2], light: Option<&usize>) -> Option<&'a mut Lane> {
-    lanes[*light?].as_mut()
+fn count(lights: [bool; 2]) -> u32 {
+    lights.into_iter().map(u32::from).sum()
 }
 
 /// The lanes that are shown, from left to right.
-fn shown<'a>(lanes: &'a mut [Option<Lane>; 2], order: &[usize]) -> impl Iterator<Item = &'a mut Lane> {
-    // Straight light is on the left.
-    let wanted = [BENT, STRAIGHT].map(|light| order.contains(&light));
-    lanes.iter_mut().zip(wanted).rev().filter(|(_, wanted)| *wanted).filter_map(|(lane, _)| lane.as_mut())
+fn shown(lanes: &mut [Option<Lane>; 2], is_shown: [bool; 2]) -> impl DoubleEndedIterator<Item = &mut Lane> {
+    lanes.iter_mut().zip(is_shown).filter(|(_, is_shown)| *is_shown).filter_map(|(lane, _)| lane.as_mut())
 }
 
 /// Develops every lane that is shown into its part of a canvas.
-fn develop(lanes: &mut [Option<Lane>; 2], order: &[usize], request: &Request, canvas: &mut Canvas) -> Result<()> {
+fn develop(lanes: &mut [Option<Lane>; 2], request: &Request, canvas: &mut Canvas) -> Result<()> {
     let width = canvas.width();
-    let border = request.split.map_or(0, |split| (split.clamp(0.0, 1.0) * f64::from(width)).round() as u32);
-    let count = order.len();
-    for (i, lane) in shown(lanes, order).enumerate() {
-        let columns = match (count, i) {
-            (1, _) => 0..width,
-            (_, 0) => 0..border,
-            _ => border..width,
-        };
-        lane.develop(&Development { columns, ..request.development.clone() }, canvas)?;
+    let border = match (request.split, request.bending) {
+        (Some(split), _) => (split.clamp(0.0, 1.0) * f64::from(width)).round() as u32,
+        (None, true) => 0,
+        (None, false) => width,
+    };
+    for (lane, columns) in lanes.iter_mut().zip([0..border, border..width]) {
+        if let Some(lane) = lane.as_mut().filter(|_| !columns.is_empty()) {
+            lane.develop(&Development { columns, ..request.development.clone() }, canvas)?;
+        }
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! What is looked at and how: the scene document, the camera, the development, and which light is shown.
 
-use super::document::Document;
+use super::document::{Document, Stamp};
 use super::model::Action;
 use super::navigation::{Eye, Pose};
 use super::worker::{Request, Source};
@@ -12,7 +12,6 @@ use crate::scene::{Scene, ToneMap};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::SystemTime;
 use toml::Spanned;
 use toml_edit::{Array, Value};
 
@@ -32,9 +31,6 @@ enum Motion {
     Along(f64),
 }
 
-/// When a file was changed, and its size.
-type Stamp = Option<(SystemTime, u64)>;
-
 /// Everything about the picture that a person can change.
 pub struct Subject {
     document: Document,
@@ -48,7 +44,7 @@ pub struct Subject {
     development: Development,
     bending: bool,
     split: Option<f64>,
-    /// The file as it was last read or written.
+    /// The file as it was last looked at.
     stamp: Stamp,
     /// Why the document could not be read or edited.
     trouble: Option<String>,
@@ -68,7 +64,7 @@ impl Subject {
             development,
             bending,
             split: None,
-            stamp: stamp_of(&document),
+            stamp: document.stamp(),
             trouble: None,
             document,
             scene,
@@ -172,18 +168,16 @@ impl Subject {
         others
     }
 
-    /// Opens another scene file. If it cannot be read, everything stays as it is.
-    pub fn open(&mut self, path: &Path) -> Result<()> {
-        let document = Document::open(Some(path), &[])?;
+    /// Goes over to another document, which is known to describe a scene.
+    pub fn open(&mut self, document: Document) {
         self.pose = pose_of(&document);
         self.motion = motion_of(&document);
         self.take(document);
-        Ok(())
     }
 
     /// Reads the file again if it has changed on disk; says whether it has.
     pub fn reload_if_changed(&mut self) -> bool {
-        let stamp = stamp_of(&self.document);
+        let stamp = self.document.stamp_now();
         // A file that is gone may be about to be replaced.
         if stamp == self.stamp || stamp.is_none() {
             return false;
@@ -205,11 +199,12 @@ impl Subject {
         true
     }
 
-    /// Takes note of the scene that the document with this number describes.
-    pub fn loaded(&mut self, number: u64, scene: Scene) {
+    /// Takes note of the scene that the document with this number describes; says whether it is developed in another way.
+    pub fn loaded(&mut self, number: u64, scene: Scene) -> bool {
         if number != self.number {
-            return;
+            return false;
         }
+        let last = (self.development.exposure, self.development.tone_map);
         // What the file says about development holds when it changes.
         let (before, now) = (&self.scene.film, &scene.film);
         if before.exposure != now.exposure {
@@ -220,6 +215,7 @@ impl Subject {
         }
         self.scene = scene;
         self.place_camera();
+        (self.development.exposure, self.development.tone_map) != last
     }
 
     /// Writes the scene with the camera and the development as they are, to its file or to `fallback`; returns which it was.
@@ -237,15 +233,18 @@ impl Subject {
                 self.document.set(key, vector_value(now))?;
             }
         }
-        let film = &self.scene.film;
+        // The scene has what its document says, so that only what changes from now on counts as a change.
+        let film = &mut self.scene.film;
         if self.development.exposure != film.exposure {
-            self.document.set("film.exposure", rounded(self.development.exposure).into())?;
+            film.exposure = rounded(self.development.exposure);
+            self.document.set("film.exposure", film.exposure.into())?;
         }
         if self.development.tone_map != film.tone_map {
-            self.document.set("film.tone_map", tone_map_name(self.development.tone_map).into())?;
+            film.tone_map = self.development.tone_map;
+            self.document.set("film.tone_map", tone_map_name(film.tone_map).into())?;
         }
         self.document.save(&path)?;
-        self.stamp = stamp_of(&self.document);
+        self.stamp = self.document.stamp();
         Ok(path)
     }
 
@@ -263,8 +262,8 @@ impl Subject {
 
     /// Puts a document in the place of the one there is.
     fn take(&mut self, document: Document) {
+        self.stamp = document.stamp();
         self.document = document;
-        self.stamp = stamp_of(&self.document);
         self.trouble = None;
         self.edited();
         self.place_camera();
@@ -314,11 +313,6 @@ fn velocity_of(document: &Document) -> DVec3 {
 
 fn motion_of(document: &Document) -> Motion {
     Motion::Fixed(velocity_of(document))
-}
-
-fn stamp_of(document: &Document) -> Stamp {
-    let metadata = std::fs::metadata(document.path()?).ok()?;
-    Some((metadata.modified().ok()?, metadata.len()))
 }
 
 fn rounded(value: f64) -> f64 {

@@ -1,9 +1,11 @@
 //! The render thread: takes the newest request, renders it in slices, and hands pictures to the window.
 //!
-//! After every change a coarse picture is shown that the budget allows; once nothing has changed for a moment, the full one is
-//! begun and refined. A slice is never longer than the budget, so a new request is never far from being looked at.
+//! After every change a coarse picture is shown that the budget allows; once nothing has changed for a moment, finer ones are begun, up
+//! to the full one. A slice is about as long as the budget, so a new request is never far from being looked at; only the first picture
+//! of a view is finished before.
 
 use super::canvases::Canvases;
+use super::document::Document;
 use super::model::{FrameInfo, Pick};
 use super::navigation::Eye;
 use super::renderer::Renderer;
@@ -46,9 +48,19 @@ pub struct Request {
     pub split: Option<f64>,
 }
 
+impl Request {
+    /// Whether films of the other request serve this one, if both are of the same scene.
+    pub fn same_view(&self, other: &Request) -> bool {
+        let view = |r: &Request| (r.eye, r.size, r.bending, r.split.is_some());
+        view(self) == view(other)
+    }
+}
+
 /// What is to be done once.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub enum Job {
+    /// Find out whether a document describes a scene.
+    Open(Box<Document>),
     /// Follow the ray of a pixel of the window.
     Pick(u32, u32),
     /// Write the picture, as shown and in full resolution, to a PNG.
@@ -64,8 +76,10 @@ pub enum Report {
     Loaded(u64, Box<Scene>),
     /// What is wrong now, or that nothing is any more.
     Trouble(Option<String>),
-    /// A ray was followed.
-    Picked(Box<Pick>),
+    /// Whether the document describes a scene.
+    Opened(Box<Document>, Result<()>),
+    /// A ray of the request with this number was followed.
+    Picked(u64, Result<Box<Pick>>),
     /// A file was to be written.
     Saved(PathBuf, Result<()>),
 }
@@ -144,6 +158,17 @@ impl Shared {
         if taken.quit { None } else { Some(taken) }
     }
 
+    /// Whether something came in that was not looked at.
+    pub fn has_news(&self) -> bool {
+        let inbox = lock(&self.inbox);
+        inbox.request.is_some() || !inbox.jobs.is_empty() || inbox.quit
+    }
+
+    /// Whether it is time to quit.
+    pub fn is_quitting(&self) -> bool {
+        lock(&self.inbox).quit
+    }
+
     /// Puts something out; says whether there was nothing before.
     pub fn put(&self, put: impl FnOnce(&mut Outbox)) -> bool {
         let mut outbox = lock(&self.outbox);
@@ -181,6 +206,11 @@ impl Worker {
     pub fn ask(&self, job: Job) {
         lock(&self.shared.inbox).jobs.push(job);
         self.shared.news.notify_one();
+    }
+
+    /// Whether the thread still runs: it ends early only if it panics.
+    pub fn is_alive(&self) -> bool {
+        self.thread.as_ref().is_some_and(|thread| !thread.is_finished())
     }
 
     /// The newest picture since the last call, and what happened.

@@ -5,6 +5,7 @@ mod controls;
 mod performance;
 
 use super::help;
+use super::input::GRIP;
 use super::map::Map;
 use super::model::{Action, Pick, View};
 use super::parameters::{self, Group};
@@ -16,9 +17,6 @@ use egui::{Align2, Color32, ComboBox, CursorIcon, FontId, Id, RichText, Slider, 
 
 /// Name of a tone curve.
 const TONE_MAPS: [(ToneMap, &str); 3] = [(ToneMap::Aces, "ACES"), (ToneMap::Reinhard, "Reinhard"), (ToneMap::None, "Clip at white")];
-
-/// Points beside the border of the split view where the window takes hold of it.
-const GRIP: f32 = 6.0;
 
 const ERROR: Color32 = Color32::from_rgb(122, 28, 30);
 const ACCENT: Color32 = Color32::from_rgb(104, 170, 255);
@@ -250,7 +248,7 @@ fn show_border(ui: &Ui, split: f64) {
         return;
     }
     let pointer = ui.input(|i| i.pointer.hover_pos()).filter(|p| free.contains(*p) && !ui.ctx().is_pointer_over_egui());
-    let color = if pointer.is_some_and(|p| (p.x - x).abs() < GRIP) {
+    let color = if pointer.is_some_and(|p| f64::from((p.x - x).abs()) < GRIP) {
         ui.ctx().set_cursor_icon(CursorIcon::ResizeHorizontal);
         ACCENT
     } else {

@@ -2,7 +2,7 @@
 
 use super::Stage;
 use crate::viewer::help::{self, Command};
-use crate::viewer::input::Drag;
+use crate::viewer::input::{Drag, GRIP};
 use crate::viewer::model::Action;
 use crate::viewer::navigation::Pose;
 use crate::viewer::worker::Job;
@@ -12,8 +12,6 @@ use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, Window
 
 /// Angle of an arrow key (radians).
 const NUDGE: f64 = 0.035;
-/// Pixels beside the border of the split view where it is taken hold of.
-const GRIP: f64 = 6.0;
 /// Pixels of a touchpad that count as a notch of the wheel.
 const NOTCH: f64 = 40.0;
 
@@ -40,6 +38,7 @@ impl Stage {
                 self.fly();
             }
             Command::Nudge([right, up]) => self.navigate(|pose| pose.orbit(NUDGE * f64::from(right), NUDGE * f64::from(up))),
+            Command::Quit if self.shows_help => self.shows_help = false,
             Command::Quit => self.is_done = true,
         }
         self.window.request_redraw();
@@ -51,9 +50,10 @@ impl Stage {
         match event {
             WindowEvent::CursorMoved { position, .. } => self.drag_to(DVec2::new(position.x, position.y)),
             WindowEvent::MouseInput { state: ElementState::Pressed, button, .. } if !consumed => {
+                let grip = GRIP * self.window.scale_factor();
                 let border = self.subject.split().map(|split| split * f64::from(self.size.0));
                 self.drag = match button {
-                    MouseButton::Left if border.is_some_and(|x| (x - self.cursor.x).abs() < GRIP) => Some(Drag::Border),
+                    MouseButton::Left if border.is_some_and(|x| (x - self.cursor.x).abs() < grip) => Some(Drag::Border),
                     MouseButton::Left => Some(Drag::Orbit { from: self.cursor, moved: false }),
                     MouseButton::Right => Some(Drag::Look),
                     _ => self.drag,
@@ -85,7 +85,7 @@ impl Stage {
         let (by, height) = (at - self.cursor, f64::from(self.size.1.max(1)));
         self.cursor = at;
         let Some(drag) = &mut self.drag else { return };
-        drag.follow(at);
+        drag.follow(at, self.window.scale_factor());
         let drag = *drag;
         match drag {
             Drag::Orbit { moved: false, .. } => {}

@@ -10,14 +10,14 @@ use crate::backend::vulkan::presenter::{Panels, Presenter};
 use crate::error::{Error, Result};
 use crate::viewer::app::{Opening, Wake};
 use crate::viewer::canvases::Canvases;
+use crate::viewer::document::Document;
 use crate::viewer::help;
 use crate::viewer::history::History;
 use crate::viewer::input::{Drag, Flight, Latency};
 use crate::viewer::model::{Action, Pick, View};
-use crate::viewer::navigation::Pose;
 use crate::viewer::panels::{self, PanelState};
 use crate::viewer::subject::Subject;
-use crate::viewer::worker::{Frame, Job, Report, Start, Worker};
+use crate::viewer::worker::{Frame, Job, Report, Request, Start, Worker};
 use crate::viewer::{RenderOn, Summary, ViewOptions};
 use egui::ViewportId;
 use glam::DVec2;
@@ -37,6 +37,8 @@ const BUDGETS: [Duration; 2] = [Duration::from_millis(16), Duration::from_millis
 const POLL: Duration = Duration::from_millis(500);
 /// How often a flight moves on.
 const FLIGHT: Duration = Duration::from_millis(8);
+/// When a frame that could not be shown is tried again.
+const RETRY: Duration = Duration::from_millis(100);
 /// How long messages stay.
 const MESSAGE: Duration = Duration::from_secs(4);
 
@@ -65,8 +67,9 @@ pub(super) struct Stage {
     revision: u64,
     is_stale: bool,
     input_at: Option<Instant>,
-    /// The camera of the last request.
-    sent_pose: Pose,
+    /// The last request, and the number of the first one of the same view.
+    sent: Option<Request>,
+    viewed_since: u64,
     next_poll: Instant,
     next_redraw: Option<Instant>,
     /// Frames that were presented, of how many, and what is written then.
@@ -123,7 +126,6 @@ impl Stage {
         let subject = Subject::new(document, scene, !options.linear);
         Ok(Stage {
             worker,
-            sent_pose: *subject.pose(),
             subject,
             panels: PanelState::default(),
             shows_panels: true,
@@ -143,6 +145,8 @@ impl Stage {
             revision: 0,
             is_stale: true,
             input_at: None,
+            sent: None,
+            viewed_since: 0,
             next_poll: Instant::now() + POLL,
             next_redraw: None,
             presented: 0,
@@ -184,9 +188,7 @@ impl Stage {
             match report {
                 Report::Loaded(number, scene) => {
                     debug!(number, "scene reloaded");
-                    self.subject.loaded(number, *scene);
-                    // What the scene says about development may have changed with it.
-                    self.is_stale = true;
+                    self.is_stale |= self.subject.loaded(number, *scene);
                 }
                 Report::Trouble(trouble) => {
                     if let Some(reason) = &trouble {
@@ -198,7 +200,16 @@ impl Stage {
                     }
                     self.trouble = trouble;
                 }
-                Report::Picked(pick) => {
+                Report::Opened(document, Ok(())) => {
+                    self.window.set_title(&title(&document.name().display().to_string()));
+                    self.subject.open(*document);
+                    self.is_stale = true;
+                }
+                Report::Opened(_, Err(e)) => self.say(format!("Not opened: {e}")),
+                // What was seen in another view is no longer there.
+                Report::Picked(revision, _) if revision < self.viewed_since => {}
+                Report::Picked(_, Err(e)) => self.say(format!("Not followed: {e}")),
+                Report::Picked(_, Ok(pick)) => {
                     debug!(pixel = ?pick.pixel, object = pick.object_name, material = pick.material, "pixel picked");
                     self.pick = Some(pick);
                 }
@@ -216,7 +227,10 @@ impl Stage {
     }
 
     /// Does what is due before the next event.
-    pub fn tick(&mut self, event_loop: &ActiveEventLoop) {
+    pub fn tick(&mut self, event_loop: &ActiveEventLoop) -> Result<()> {
+        if !self.worker.is_alive() {
+            return Err(Error::Window("the render thread has ended".into()));
+        }
         let now = Instant::now();
         if self.flight.is_on() {
             self.fly();
@@ -246,6 +260,7 @@ impl Stage {
         if self.is_done {
             event_loop.exit();
         }
+        Ok(())
     }
 
     /// Takes an event of the window.
@@ -264,20 +279,16 @@ impl Stage {
                 self.flight.land();
                 self.drag = None;
             }
-            WindowEvent::DroppedFile(path) => {
-                if let Err(e) = self.subject.open(path) {
-                    self.say(format!("Not opened: {e}"));
-                } else {
-                    self.window.set_title(&title(&path.display().to_string()));
-                    self.pick = None;
-                    self.is_stale = true;
-                }
-            }
+            WindowEvent::DroppedFile(path) => match Document::open(Some(path), &[]) {
+                Ok(document) => self.worker.ask(Job::Open(Box::new(document))),
+                Err(e) => self.say(format!("Not opened: {e}")),
+            },
             WindowEvent::KeyboardInput { event: key, .. } if key.state == ElementState::Released => self.flight.release(key.physical_key),
             // Presses made up for keys that were down when the window got the focus are none.
             WindowEvent::KeyboardInput { event: key, is_synthetic: false, .. } => {
-                let is_typing = self.shows_overlay() && self.egui.egui_ctx().text_edit_focused();
-                if !is_typing && self.key(key) {
+                let context = self.egui.egui_ctx();
+                let is_for_panels = self.shows_overlay() && (context.text_edit_focused() || context.any_popup_open());
+                if !is_for_panels && self.key(key) {
                     return Ok(());
                 }
             }
@@ -321,7 +332,9 @@ impl Stage {
             return;
         }
         let (was_bending, was_split) = (self.subject.bending(), self.subject.split().is_some());
+        let count = actions.len();
         let others = self.subject.apply(actions);
+        self.is_stale |= others.len() < count;
         let (bending, split) = (self.subject.bending(), self.subject.split().is_some());
         if bending != was_bending {
             debug!(bending, "bending toggled");
@@ -341,7 +354,6 @@ impl Stage {
                 _ => {}
             }
         }
-        self.is_stale = true;
         self.window.request_redraw();
     }
 
@@ -378,27 +390,34 @@ impl Stage {
         }
         self.is_stale = false;
         self.revision += 1;
-        self.worker.send(self.subject.request(self.revision, self.size));
+        let request = self.subject.request(self.revision, self.size);
+        self.worker.send(request.clone());
         if let Some(time) = self.input_at.take() {
             self.latency.asked(self.revision, time);
         }
-        let pose = *self.subject.pose();
-        if pose != self.sent_pose {
+        let (pose, number) = (request.eye.pose, request.source.number);
+        if self.sent.as_ref().is_some_and(|last| last.eye.pose != pose) {
             debug!(position = ?pose.position.to_array(), look_at = ?pose.look_at.to_array(), "camera moved");
-            self.sent_pose = pose;
         }
+        if self.sent.as_ref().is_none_or(|last| last.source.number != number || !last.same_view(&request)) {
+            self.pick = None;
+            self.viewed_since = self.revision;
+        }
+        self.sent = Some(request);
     }
 
     /// Shows the newest picture, and the panels if there are any.
     fn redraw(&mut self) -> Result<()> {
+        // First: what was asked for can be rendered while the last picture is shown.
+        self.send_request();
         if self.size.0 == 0 || self.size.1 == 0 {
             return Ok(());
         }
         let input = self.egui.take_egui_input(&self.window);
         let canvas = self.frame.as_ref().map(|f| &f.canvas);
         if !self.shows_overlay() {
-            self.presenter.present(canvas, None)?;
-            self.note_presented();
+            let is_shown = self.presenter.present(canvas, None)?;
+            self.note_presented(is_shown);
             return Ok(());
         }
         let context = self.egui.egui_ctx().clone();
@@ -429,17 +448,21 @@ impl Stage {
         let drawn = Panels { textures: &output.textures_delta, primitives: &primitives, pixels_per_point: output.pixels_per_point };
         let outcome = self.presenter.present(canvas, Some(drawn));
         output.textures_delta.clear();
-        outcome?;
+        let is_shown = outcome?;
         if let Some(viewport) = output.viewport_output.get(&ViewportId::ROOT) {
             self.next_redraw = Instant::now().checked_add(viewport.repaint_delay);
         }
-        self.note_presented();
+        self.note_presented(is_shown);
         self.act(actions);
         Ok(())
     }
 
-    /// Takes note that the newest picture has been shown.
-    fn note_presented(&mut self) {
+    /// Takes note that the newest picture has been shown, or has to be tried again.
+    fn note_presented(&mut self, is_shown: bool) {
+        if !is_shown {
+            self.next_redraw = Some(Instant::now() + RETRY);
+            return;
+        }
         let Some(frame) = &self.frame else { return };
         let info = &frame.info;
         let is_complete = info.scale == 1 && info.samples >= info.goal;
