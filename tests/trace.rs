@@ -283,7 +283,7 @@ fn columns_that_are_passed_through_give_way() {
     for (extra, names) in cases {
         let (header, rows) = folder.rows(FLAT, rays, extra);
         assert_eq!(header[..6], names);
-        assert_eq!(rows[0][..6], ["a", "1", "2", "3", "4", "escaped"]);
+        assert_eq!(rows[0][..6], ["a", "1", "2", "3", "4", "hit"]);
     }
 }
 

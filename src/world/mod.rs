@@ -130,7 +130,9 @@ impl World {
         let camera_to_scene = (bounds.0.max(bounds.1) - bounds.0).length().min(1e6);
         world.scene.set_region(&region);
         world.scene.origin_offset = 1e-7 * camera_to_scene;
-        if world.model != ModelKind::Flat {
+        if world.model == ModelKind::Flat {
+            world.parameters.sources = trace::weightless_source(bounds);
+        } else {
             clearance::build(&mut world, &corners, bounds, &region);
         }
         drop(corners);
@@ -372,6 +374,8 @@ fn scene_parameters(scene: &Scene) -> SceneParameters {
         max_depth: film.max_depth,
         environment: [environment_parameters(&scene.environment[0]), environment_parameters(&scene.environment[1])],
         light_share: LIGHT_SHARE,
+        // Without a grid every lookup is outside of it, where anything may be met.
+        grid_inverse_cell: 1.0,
         ..bytemuck::Zeroable::zeroed()
     }
 }
