@@ -223,14 +223,13 @@ fn fan() -> Vec<TraceRay> {
 
 #[test]
 fn hamiltonian_is_conserved() {
-    // (precision, tolerance, largest relative drift, the same where a step over a bend of the field errs by the root of the tolerance)
+    // (precision, tolerance, largest relative drift, the same for the dust disc, whose table has a bend)
     for (precision, tolerance, smooth, bent) in [(Precision::F64, 1e-12, 1e-9, 1e-4), (Precision::F32, 1e-5, 1e-3, 5e-2)] {
         for (spacetime, kind) in SCENES {
             let results = trace(spacetime, "", precision, &fan(), tolerance, Stop::Length(18.0));
             let drifts: Vec<f64> = results.iter().filter(|r| r.status == STATUS_STOPPED).map(|r| r.constraint_error).collect();
             let worst = drifts.iter().fold(0.0, |a: f64, b| if b.is_nan() { f64::INFINITY } else { a.max(*b) });
-            let has_bend = matches!(kind, ModelKind::Luneburg | ModelKind::Radial | ModelKind::DustDisc);
-            let bound = if has_bend { bent } else { smooth };
+            let bound = if *kind == ModelKind::DustDisc { bent } else { smooth };
             println!("{kind:?} {precision:?}: drift {worst:.1e} of {} rays", drifts.len());
             assert!(drifts.len() >= 40, "{kind:?}: {} rays stopped", drifts.len());
             assert!(worst < bound, "{kind:?} {precision:?}: {worst:e}");

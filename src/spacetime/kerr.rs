@@ -28,7 +28,7 @@ parameters! {
 
 /// Growth of frequency at which a photon followed into its past is captured.
 const CAPTURE_BLUESHIFT: f64 = 1000.0;
-/// Height above the horizon, as a share of the mass, below which nothing gets finer: light orbits a spin of 0.998 there.
+/// Distance from the horizon, as a share of the mass, below which nothing gets finer: light orbits a spin of 0.998 there.
 const LEAST_HEIGHT: f64 = 0.01;
 /// Share of the horizon's radius that is cut out around the singularity.
 const SINGULARITY: f64 = 0.02;
@@ -102,9 +102,10 @@ impl Metric for KerrNewman {
     }
 
     fn detail<S: Scalar>(hole: &SpinningHole<S>, x: Vec3<S>) -> S {
-        // The closer to the horizon, the longer light orbits there and the more an error grows.
+        // The closer to the horizon, on either side, the longer light orbits there and the more an error grows.
         let r = hole.radius(x).0;
-        let above = (r - hole.horizon()).max(hole.mass * S::constant(LEAST_HEIGHT));
-        (r * S::constant(0.7)).min(above * (above / hole.mass).sqrt() * S::constant(0.2))
+        let above = r - hole.horizon();
+        let height = above.max(-above).max(hole.mass * S::constant(LEAST_HEIGHT));
+        (r * S::constant(0.7)).min(height * (height / hole.mass).sqrt() * S::constant(0.2))
     }
 }

@@ -130,9 +130,7 @@ impl World {
         let camera_to_scene = (bounds.0.max(bounds.1) - bounds.0).length().min(1e6);
         world.scene.set_region(&region);
         world.scene.origin_offset = 1e-7 * camera_to_scene;
-        if world.model == ModelKind::Flat {
-            world.parameters.sources = trace::weightless_source(bounds);
-        } else {
+        if world.model != ModelKind::Flat {
             clearance::build(&mut world, &corners, bounds, &region);
         }
         drop(corners);

@@ -4,7 +4,6 @@ use super::{Reach, World, region};
 use crate::kernels::constants::*;
 use crate::kernels::layout::SceneParameters;
 use crate::spacetime::ModelKind;
-use crate::spacetime::gravity::Source;
 use glam::Vec3;
 
 /// What ends a traced ray, other than a hit, capture or escape.
@@ -31,14 +30,6 @@ impl Stop {
             Stop::Length(v) | Stop::Parameter(v) | Stop::Sphere(v) | Stop::Plane(_, v) => v.abs().max(1.0),
         }
     }
-}
-
-/// The sources of straight light that has to stop: one of no strength around the geometry, so that no step is so long that single
-/// precision loses what is on its way.
-pub(super) fn weightless_source((low, high): (Vec3, Vec3)) -> Vec<f64> {
-    let radius = f64::from((high - low).length() / 2.0).max(1e-3);
-    let position = ((low + high) / 2.0).as_dvec3().to_array();
-    Source { position, direction: [0.0, 0.0, 1.0], extent: (0.0, 0.0), strength: 0.0, radius }.thesis_parameters()
 }
 
 /// How rays are traced on their own, where pixels do not set the tolerance.
@@ -75,7 +66,7 @@ impl World {
         scene
     }
 
-    /// The model that traces rays up to `stop`: straight light that has to stop goes through a gravity field without weight.
+    /// The model that traces rays up to `stop`: straight light that has to stop goes through a gravity field without sources.
     pub fn traced_model(&self, stop: Stop) -> ModelKind {
         if self.model == ModelKind::Flat && stop != Stop::Never { ModelKind::ThesisGravity } else { self.model }
     }

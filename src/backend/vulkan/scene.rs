@@ -3,7 +3,7 @@
 use super::buffer::Buffer;
 use super::command::Commands;
 use super::device::Device;
-use crate::backend::{Precision, Stop};
+use crate::backend::Precision;
 use crate::error::Result;
 use crate::kernels::constants::{TABLE_COLUMNS, TABLE_ROWS};
 use crate::kernels::layout::SceneParameters;
@@ -80,8 +80,7 @@ impl DeviceScene {
 /// Where parts begin, then origin, step, throat, rim, tableau, parameters and sources in the precision of the integrator.
 fn model_bytes<T: Real>(world: &World) -> Vec<u8> {
     let block = world.model_block::<T>();
-    // Of straight light the sources are those of rays that stop.
-    let stride = world.traced_model(Stop::Length(0.0)).source_stride();
+    let stride = world.model.source_stride();
     let count = block.sources.len().checked_div(stride).unwrap_or(0);
     let mut values: Vec<T> = block.origin.iter().chain([&block.step, &block.throat, &block.rim]).chain(&block.tableau).copied().collect();
     let global_start = values.len();
