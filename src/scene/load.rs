@@ -1,6 +1,7 @@
 //! From a scene file to a [`Scene`]: parse, apply overrides, resolve names and files, check what single values cannot tell.
 
 use super::assets::Assets;
+use super::edit::{self, one_line};
 use super::file::*;
 use super::texture::Image;
 use super::values::{Vector, color, numbers};
@@ -10,6 +11,7 @@ use crate::spacetime::Class;
 use std::ops::Range;
 use std::path::Path;
 use toml::Spanned;
+use toml_edit::{DocumentMut, TomlError};
 
 /// The scene that is rendered when no file is named.
 const BUILT_IN: &str = include_str!("../../assets/scenes/singularity.toml");
@@ -44,71 +46,32 @@ pub fn parse_scene(path: &Path, text: &str, overrides: &[String]) -> Result<Scen
 /// The same, for a text that is parsed again and again: files that did not change since are taken from `assets`.
 pub fn parse_scene_with(path: &Path, text: &str, overrides: &[String], assets: &mut Assets) -> Result<Scene> {
     let _span = tracing::info_span!("load", scene = %path.display()).entered();
-    let mut loader = Loader { path, text, assets };
-    let mut file: SceneFile = toml::from_str(text).map_err(|e| loader.error(e.span().unwrap_or_default(), one_line(e.message())))?;
-    if !overrides.is_empty() {
-        file = apply_overrides(text, overrides)?;
-    }
-    let scene = loader.scene(&file)?;
+    let fail = |e: toml::de::Error| error_at(path, text, e.span().unwrap_or_default(), one_line(e.message()));
+    let file: SceneFile = toml::from_str(text).map_err(fail)?;
+    let (text, file) = if overrides.is_empty() { (text.to_owned(), file) } else { apply_overrides(text, overrides)? };
+    let scene = Loader { path, text: &text, assets }.scene(&file)?;
     assets.forget_unused();
     Ok(scene)
 }
 
-fn one_line(message: &str) -> String {
-    message.split('\n').map(str::trim).filter(|l| !l.is_empty()).collect::<Vec<_>>().join(", ")
-}
-
-/// Sets values in the parsed file and reads it again, after each override so that the message names the right one.
-fn apply_overrides(text: &str, overrides: &[String]) -> Result<SceneFile> {
-    let fail = |assignment: &String, reason: String| Error::Override { assignment: assignment.clone(), reason };
-    let mut file = SceneFile::default();
-    let mut root: toml::Table = text.parse().map_err(|e: toml::de::Error| Error::World(e.message().to_owned()))?;
+/// Makes assignments and reads the file again, after each of them so that the message names the right one; returns the edited text
+/// with what it says.
+fn apply_overrides(text: &str, overrides: &[String]) -> Result<(String, SceneFile)> {
+    let mut document: DocumentMut = text.parse().map_err(|e: TomlError| Error::World(one_line(e.message())))?;
+    let mut read = (text.to_owned(), SceneFile::default());
     for assignment in overrides {
-        let (key, value) = assignment.split_once('=').ok_or_else(|| fail(assignment, "expected key.path=value".into()))?;
-        // A bare word is a string, so that `spacetime.kind=flat` needs no quotes.
-        let parsed: std::result::Result<toml::Table, _> = format!("v = {value}").parse();
-        let value = match parsed {
-            Ok(mut table) => table.remove("v"),
-            Err(_) if value.trim().chars().all(|c| c.is_alphanumeric() || "-_./".contains(c)) => {
-                Some(toml::Value::String(value.trim().to_owned()))
-            }
-            Err(e) => return Err(fail(assignment, one_line(e.message()))),
-        };
-        let value = value.ok_or_else(|| fail(assignment, "expected a value".into()))?;
-        set_value(&mut root, key.trim(), value).map_err(|reason| fail(assignment, reason))?;
-        let edited = toml::to_string(&root).map_err(|e| fail(assignment, e.to_string()))?;
-        file = toml::from_str(&edited).map_err(|e| fail(assignment, one_line(e.message())))?;
+        edit::assign(&mut document, assignment)?;
+        let edited = document.to_string();
+        let fail = |e: toml::de::Error| Error::Override { assignment: assignment.clone(), reason: one_line(e.message()) };
+        read = (edited.clone(), toml::from_str(&edited).map_err(fail)?);
     }
-    Ok(file)
+    Ok(read)
 }
 
-fn set_value(root: &mut toml::Table, key: &str, value: toml::Value) -> std::result::Result<(), String> {
-    let mut parts: Vec<&str> = key.split('.').collect();
-    let last = parts.pop().filter(|l| !l.is_empty()).ok_or("expected key.path=value")?;
-    set_in_table(root, &parts, last, value)
-}
-
-fn set_in_table(table: &mut toml::Table, parts: &[&str], last: &str, value: toml::Value) -> std::result::Result<(), String> {
-    let Some((first, rest)) = parts.split_first() else {
-        table.insert(last.to_owned(), value);
-        return Ok(());
-    };
-    let mut at = table.entry(*first).or_insert_with(|| toml::Value::Table(toml::Table::new()));
-    for part in rest.iter().copied().chain([last]) {
-        at = match at {
-            toml::Value::Table(t) => t.entry(part).or_insert_with(|| toml::Value::Table(toml::Table::new())),
-            toml::Value::Array(a) => {
-                let count = a.len();
-                part.parse::<usize>()
-                    .ok()
-                    .and_then(|i| a.get_mut(i))
-                    .ok_or_else(|| format!("found `{part}`, expected an index below {count}"))?
-            }
-            _ => return Err(format!("`{part}` is not in a table")),
-        };
-    }
-    *at = value;
-    Ok(())
+/// What is wrong with a place in a file.
+fn error_at(path: &Path, text: &str, span: Range<usize>, reason: impl Into<String>) -> Error {
+    let (line, column) = edit::line_and_column(text, span.start);
+    Error::Scene { path: path.into(), line, column, reason: reason.into() }
 }
 
 struct Loader<'a> {
@@ -119,10 +82,7 @@ struct Loader<'a> {
 
 impl Loader<'_> {
     fn error(&self, span: Range<usize>, reason: impl Into<String>) -> Error {
-        let before = &self.text[..span.start.min(self.text.len())];
-        let line = before.matches('\n').count() + 1;
-        let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
-        Error::Scene { path: self.path.into(), line, column, reason: reason.into() }
+        error_at(self.path, self.text, span, reason)
     }
 
     fn relative(&self, file: &str) -> PathBuf {

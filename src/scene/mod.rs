@@ -1,6 +1,7 @@
 //! What the user describes: a scene file, its meshes and textures, read and validated.
 
 mod assets;
+pub mod edit;
 pub mod file;
 mod load;
 pub mod mesh;

@@ -1,14 +1,13 @@
 //! The scene as a TOML document that can be edited: comments and order survive, the text is what is parsed and saved.
 //!
-//! Keys are those of `--set`: names and indices from 0 joined by dots, such as `spacetime.center.0.strength`. The index after the last
-//! entry of a list appends to it.
+//! Keys are those of `--set`, see [`crate::scene::edit`].
 
 use crate::error::{Error, Result};
 use crate::film::write_atomically;
-use crate::scene::{Assets, Scene, parse_scene_with, read_scene};
+use crate::scene::{Assets, Scene, edit, parse_scene_with, read_scene};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
-use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value};
+use toml_edit::{ArrayOfTables, DocumentMut, Item, Value};
 
 /// When a file was changed, and its size.
 pub(super) type Stamp = Option<(SystemTime, u64)>;
@@ -31,20 +30,14 @@ impl Document {
         // Before it is read: what is written meanwhile is a change.
         let stamp = path.and_then(stamp_of);
         let (name, text) = read_scene(path)?;
-        let toml: DocumentMut = text.parse().map_err(|e: toml_edit::TomlError| {
-            let before = &text[..e.span().map_or(0, |s| s.start.min(text.len()))];
-            let line = before.matches('\n').count() + 1;
-            let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
-            Error::Scene { path: name.clone(), line, column, reason: e.message().replace('\n', ", ") }
+        let mut toml: DocumentMut = text.parse().map_err(|e: toml_edit::TomlError| {
+            let (line, column) = edit::line_and_column(&text, e.span().map_or(0, |s| s.start));
+            Error::Scene { path: name.clone(), line, column, reason: edit::one_line(e.message()) }
         })?;
-        let mut document = Document { path: path.map(Path::to_owned), stamp, overrides: overrides.to_vec(), toml };
         for assignment in overrides {
-            let fail = |reason: &str| Error::Override { assignment: assignment.clone(), reason: reason.into() };
-            let (key, value) = assignment.split_once('=').ok_or_else(|| fail("expected key.path=value"))?;
-            let value = parse_value(value.trim()).ok_or_else(|| fail("expected a value in TOML syntax"))?;
-            document.set(key.trim(), value)?;
+            edit::assign(&mut toml, assignment)?;
         }
-        Ok(document)
+        Ok(Document { path: path.map(Path::to_owned), stamp, overrides: overrides.to_vec(), toml })
     }
 
     /// Reads its file again, with the same assignments.
@@ -84,7 +77,7 @@ impl Document {
 
     /// What is at a key.
     pub fn get(&self, key: &str) -> Option<&Item> {
-        parts(key).try_fold(self.toml.as_item(), |item, part| match part.parse::<usize>() {
+        edit::parts(key).try_fold(self.toml.as_item(), |item, part| match part.parse::<usize>() {
             Ok(index) if !item.is_table_like() => item.get(index),
             _ => item.get(part),
         })
@@ -124,17 +117,12 @@ impl Document {
 
     /// Sets the value at a key. Tables on the way are made if they are missing.
     pub fn set(&mut self, key: &str, value: Value) -> Result<()> {
-        let way: Vec<&str> = parts(key).collect();
-        let fail = |reason: String| Error::Override { assignment: format!("{key}={}", value.to_string().trim()), reason };
-        if way.is_empty() {
-            return Err(fail("expected key.path=value".into()));
-        }
-        put(self.toml.as_item_mut(), &way, 0, value.clone()).map_err(fail)
+        edit::set(&mut self.toml, key, value)
     }
 
     /// Takes what is at a key out of the scene; returns whether there was something.
     pub fn remove(&mut self, key: &str) -> bool {
-        let way: Vec<&str> = parts(key).collect();
+        let way: Vec<&str> = edit::parts(key).collect();
         let Some((last, way)) = way.split_last() else { return false };
         let parent = way.iter().try_fold(self.toml.as_item_mut(), |item, part| match part.parse::<usize>() {
             Ok(index) if !item.is_table_like() => item.get_mut(index),
@@ -177,82 +165,6 @@ fn stamp_of(path: &Path) -> Stamp {
     Some((metadata.modified().ok()?, metadata.len()))
 }
 
-/// The parts of a key; indices may also stand in brackets.
-fn parts(key: &str) -> impl Iterator<Item = &str> {
-    key.split(['.', '[', ']']).map(str::trim).filter(|part| !part.is_empty())
-}
-
 fn number(item: &Item) -> Option<f64> {
     item.as_float().or_else(|| item.as_integer().map(|v| v as f64))
-}
-
-/// A value in TOML syntax; a bare word is a string.
-fn parse_value(text: &str) -> Option<Value> {
-    match text.parse::<Value>() {
-        Ok(value) => Some(value),
-        Err(_) if !text.is_empty() && text.chars().all(|c| c.is_alphanumeric() || "-_./".contains(c)) => Some(text.into()),
-        Err(_) => None,
-    }
-}
-
-/// Puts a value at the end of a way into `item`, `depth` parts of which were taken.
-fn put(item: &mut Item, way: &[&str], depth: usize, value: Value) -> std::result::Result<(), String> {
-    let Some(part) = way.get(depth) else {
-        replace(item, value, depth == 1);
-        return Ok(());
-    };
-    let Some(index) = part.parse::<usize>().ok().filter(|_| !item.is_table_like()) else {
-        if item.is_none() {
-            *item = Item::Table(Table::new());
-        }
-        let inline = item.is_inline_table();
-        let table = item.as_table_like_mut().ok_or_else(|| format!("`{part}` is not in a table"))?;
-        let child = table.entry(part).or_insert(Item::None);
-        // A value holds values only, so what is made inside an inline table is inline too.
-        if inline && child.is_none() && depth + 1 < way.len() {
-            *child = Item::Value(Value::InlineTable(InlineTable::new()));
-        }
-        return put(child, way, depth + 1, value);
-    };
-    if item.is_none() {
-        *item = Item::ArrayOfTables(ArrayOfTables::new());
-    }
-    let whole_entry = depth + 1 == way.len();
-    let count = match item {
-        Item::ArrayOfTables(_) if whole_entry && !value.is_inline_table() => return Err(format!("`{part}` is a table")),
-        Item::ArrayOfTables(tables) => {
-            if index == tables.len() {
-                tables.push(Table::new());
-            }
-            tables.len()
-        }
-        Item::Value(Value::Array(values)) => {
-            if index == values.len() {
-                values.push(InlineTable::new());
-            }
-            values.len()
-        }
-        _ => return Err(format!("`{part}` is not in a list")),
-    };
-    let entry = item.get_mut(index).ok_or_else(|| format!("found `{part}`, expected an index of at most {count}"))?;
-    put(entry, way, depth + 1, value)
-}
-
-/// Replaces an item by a value, in the form and with the comments that the item has. `top` says that it is a table of the file.
-fn replace(item: &mut Item, mut value: Value, top: bool) {
-    value.decor_mut().clear();
-    *item = match (std::mem::take(item), value) {
-        (Item::Table(old), Value::InlineTable(new)) => {
-            let mut new = new.into_table();
-            new.set_position(old.position());
-            *new.decor_mut() = old.decor().clone();
-            Item::Table(new)
-        }
-        (Item::None, Value::InlineTable(new)) if top => Item::Table(new.into_table()),
-        (Item::Value(old), mut new) => {
-            *new.decor_mut() = old.decor().clone();
-            Item::Value(new)
-        }
-        (_, new) => Item::Value(new),
-    };
 }

@@ -7,7 +7,7 @@ pub mod method;
 mod region;
 mod trace;
 
-pub use region::{Reach, Region};
+pub use region::{Reach, Region, sees};
 pub use trace::{Stop, TraceOptions};
 
 use crate::error::{Error, Result};
@@ -76,18 +76,8 @@ impl World {
     /// Compiles a scene. Fails if it asks for more than the layout holds or puts the camera where no ray lives.
     pub fn compile(scene: &Scene) -> Result<World> {
         let _span = tracing::info_span!("compile", scene = %scene.path.display()).entered();
-        let parameters = ModelBlock {
-            origin: scene.spacetime.position.to_array(),
-            throat: scene.spacetime.throat,
-            rim: scene.spacetime.rim,
-            step: scene.integrator.step,
-            tableau: method::tableau(scene.integrator.method),
-            global: scene.spacetime.global.clone(),
-            sources: scene.spacetime.sources.clone(),
-            table: scene.spacetime.table.clone(),
-        };
         // First, because all that follows takes its time.
-        region::check_camera(scene, &parameters)?;
+        region::check_camera(scene)?;
         let mut world = World {
             scene: scene_parameters(scene),
             nodes: vec![],
@@ -107,7 +97,11 @@ impl World {
             black_bodies: BLACK_BODIES.clone(),
             profiles: vec![],
             model: scene.spacetime.model,
-            parameters,
+            parameters: ModelBlock {
+                step: scene.integrator.step,
+                tableau: method::tableau(scene.integrator.method),
+                ..region::block_of(&scene.spacetime)
+            },
             spacetime: scene.spacetime.clone(),
             bounds: (Vec3::ZERO, Vec3::ZERO),
             dark: false,
@@ -145,7 +139,7 @@ impl World {
         if width == 0 || height == 0 {
             return Err(Error::World(format!("a film of {width} x {height} pixels, expected at least one")));
         }
-        region::check_camera(scene, &self.parameters)?;
+        region::check_camera(scene)?;
         let own = &self.scene;
         let mut parameters = SceneParameters {
             far_root: own.far_root,

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::kernels::integrator::{ModelBlock, PointFunctions};
 use crate::scene::{Extent, Scene, Spacetime};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// The sphere rays are integrated in.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,21 +64,38 @@ pub fn region(spacetime: &Spacetime, low: Vec3, high: Vec3, reach: Reach) -> Reg
     }
 }
 
+/// The model's parameters as its spacetime states them, without a method of integration.
+pub(super) fn block_of(spacetime: &Spacetime) -> ModelBlock<f64> {
+    ModelBlock {
+        origin: spacetime.position.to_array(),
+        throat: spacetime.throat,
+        rim: spacetime.rim,
+        global: spacetime.global.clone(),
+        sources: spacetime.sources.clone(),
+        table: spacetime.table.clone(),
+        ..ModelBlock::default()
+    }
+}
+
+/// Whether rays can start at a point: outside of horizons, captures and the throat.
+pub fn sees(spacetime: &Spacetime, camera: DVec3) -> bool {
+    let (block, x) = (block_of(spacetime), camera.to_array());
+    let functions = PointFunctions::<f64>::of(spacetime.model);
+    let (p, energy, frequency) = (functions.launch)((), &block, x, [0.0, 0.0, 1.0], 1.0, -1.0);
+    let alive = (functions.capture_distance)((), &block, x, p, frequency, -1.0);
+    let above_throat = spacetime.throat == 0.0 || camera.distance(spacetime.position) > spacetime.throat;
+    alive > 0.0 && above_throat && energy.is_finite() && p.iter().all(|c| c.is_finite())
+}
+
 /// Refuses a camera from which no ray can start.
-pub(super) fn check_camera(scene: &Scene, block: &ModelBlock<f64>) -> Result<()> {
-    let x = scene.camera.position.to_array();
-    let functions = PointFunctions::<f64>::of(scene.spacetime.model);
-    let (p, energy, frequency) = (functions.launch)((), block, x, [0.0, 0.0, 1.0], 1.0, -1.0);
-    let alive = (functions.capture_distance)((), block, x, p, frequency, -1.0);
-    let from_origin = (scene.camera.position - scene.spacetime.position).length();
-    let above_throat = scene.spacetime.throat == 0.0 || from_origin > scene.spacetime.throat;
-    if alive > 0.0 && above_throat && energy.is_finite() && p.iter().all(|c| c.is_finite()) {
+pub(super) fn check_camera(scene: &Scene) -> Result<()> {
+    if sees(&scene.spacetime, scene.camera.position) {
         return Ok(());
     }
     Err(Error::World(format!(
         "{}: the camera at {:?} is where no ray of kind `{}` lives (inside its horizon, capture radius or throat), expected a position outside",
         scene.path.display(),
-        x,
+        scene.camera.position.to_array(),
         scene.spacetime.kind
     )))
 }

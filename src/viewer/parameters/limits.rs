@@ -2,11 +2,11 @@
 //! the model, its sources and its discs, without reading meshes and images again.
 
 use super::{Action, Document, set, tidy};
-use crate::kernels::integrator::{ModelBlock, PointFunctions};
 use crate::scene::file::{AccretionDiscTable, Method, SceneFile, SpacetimeKind};
 use crate::scene::values::numbers;
 use crate::scene::{Hole, Spacetime};
 use crate::spacetime::{Class, ModelKind};
+use crate::world::sees;
 use glam::DVec3;
 use toml_edit::Value;
 
@@ -51,7 +51,8 @@ fn holds_together(file: &SceneFile, camera: DVec3) -> bool {
     let Some(spacetime) = model(file) else { return false };
     let sided = has_sides(file) || file.environment.far.is_some();
     let method = *file.integrator.method.get_ref();
-    sees(&spacetime, camera)
+    // Of a disc of dust there is no table to look into.
+    (spacetime.model == ModelKind::DustDisc || sees(&spacetime, camera))
         && can_integrate(method, &spacetime)
         && (spacetime.throat > 0.0 || !sided)
         && file.accretion_disc.iter().all(|disc| orbits(disc, spacetime.hole))
@@ -64,26 +65,6 @@ fn model(file: &SceneFile) -> Option<Spacetime> {
         return Some(Spacetime { model: ModelKind::DustDisc, ..Spacetime::flat() });
     }
     Spacetime::new(&file.spacetime).ok()
-}
-
-/// Whether light can be followed from the camera.
-fn sees(spacetime: &Spacetime, camera: DVec3) -> bool {
-    if spacetime.model == ModelKind::DustDisc {
-        return true;
-    }
-    let block = ModelBlock {
-        origin: spacetime.position.to_array(),
-        throat: spacetime.throat,
-        global: spacetime.global.clone(),
-        sources: spacetime.sources.clone(),
-        ..ModelBlock::default()
-    };
-    let functions = PointFunctions::<f64>::of(spacetime.model);
-    let x = camera.to_array();
-    let (momentum, energy, frequency) = (functions.launch)((), &block, x, [0.0, 0.0, 1.0], 1.0, -1.0);
-    let alive = (functions.capture_distance)((), &block, x, momentum, frequency, -1.0);
-    let above_throat = spacetime.throat == 0.0 || camera.distance(spacetime.position) > spacetime.throat;
-    alive > 0.0 && above_throat && energy.is_finite() && momentum.iter().all(|c| c.is_finite())
 }
 
 fn can_integrate(method: Method, spacetime: &Spacetime) -> bool {
