@@ -1,18 +1,10 @@
 //! The disc of dust against its explicit solution, closed forms, and the field equations.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use nullray::spacetime::dust_disc::solve::{DustDisc, tabulate, tabulate_sized};
+use nullray::spacetime::dust_disc::solve::{GAUSS, tabulate, tabulate_sized};
+use nullray::spacetime::dust_disc::table::DustDisc;
 use std::f64::consts::PI;
 use std::sync::{Mutex, PoisonError};
-
-/// Abscissae in (-1, 1) and weights of the five-point Gauss rule.
-const GAUSS: [(f64, f64); 5] = [
-    (-0.906_179_845_938_664, 0.236_926_885_056_189_1),
-    (-0.538_469_310_105_683, 0.478_628_670_499_366_5),
-    (0.0, 0.568_888_888_888_888_9),
-    (0.538_469_310_105_683, 0.478_628_670_499_366_5),
-    (0.906_179_845_938_664, 0.236_926_885_056_189_1),
-];
 
 static SOLVED: Mutex<Vec<DustDisc>> = Mutex::new(Vec::new());
 

@@ -6,12 +6,10 @@
 mod support;
 
 use gpu_allocator::MemoryLocation;
-use libtest_mimic::{Arguments, Failed, Trial};
 use nullray::backend::cpu::CpuBackend;
 use nullray::backend::vulkan::VulkanBackend;
 use nullray::backend::vulkan::buffer::Buffer;
 use nullray::backend::vulkan::command::Commands;
-use nullray::backend::vulkan::instance::validation_messages;
 use nullray::backend::vulkan::pipeline::{Layout, Pipeline, kernel_spirv};
 use nullray::backend::{Backend, Precision, Profiling, RoundCounts};
 use nullray::profile::{Profile, Spread};
@@ -28,20 +26,8 @@ const FRAMES: u32 = 4;
 const SIZE: (u32, u32) = (160, 90);
 
 fn main() {
-    // SAFETY: no other thread runs yet.
-    unsafe { std::env::set_var("NULLRAY_VALIDATION", "1") };
-    let mut arguments = Arguments::from_args();
-    // Times are measured: tests one after another.
-    arguments.test_threads = Some(1);
-    let missing = VulkanBackend::new(None).err();
-    let required = std::env::var("NULLRAY_REQUIRE_VULKAN").is_ok_and(|v| v == "1");
-    if let (Some(e), true) = (&missing, required) {
-        eprintln!("a Vulkan device is required: {e}");
-        std::process::exit(1);
-    }
-    let ignored = missing.is_some();
     // (name, needs a device, test)
-    let tests: [(&'static str, bool, fn()); 11] = [
+    let tests: [DeviceTest; 11] = [
         ("spread_is_right", false, spread_is_right),
         ("bad_arguments_are_refused", false, bad_arguments_are_refused),
         ("log_says_what_takes_how_long", false, log_says_what_takes_how_long),
@@ -54,19 +40,7 @@ fn main() {
         ("backends_count_the_same", true, backends_count_the_same),
         ("untimed_dispatches_are_named", true, untimed_dispatches_are_named),
     ];
-    let trials = tests
-        .into_iter()
-        .map(|(name, device, test)| {
-            Trial::test(name, move || {
-                let before = validation_messages();
-                test();
-                let messages = validation_messages() - before;
-                if messages > 0 { Err(Failed::from(format!("{messages} validation messages"))) } else { Ok(()) }
-            })
-            .with_ignored_flag(device && ignored)
-        })
-        .collect();
-    libtest_mimic::run(&arguments, trials).exit();
+    run_device_tests(&tests);
 }
 
 fn vulkan() -> VulkanBackend {

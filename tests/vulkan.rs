@@ -7,12 +7,10 @@
 mod support;
 
 use glam::{Vec3, vec2, vec3};
-use libtest_mimic::{Arguments, Failed, Trial};
 use nullray::backend::cpu::CpuBackend;
 use nullray::backend::vulkan::VulkanBackend;
 use nullray::backend::vulkan::buffer::Buffer;
 use nullray::backend::vulkan::command::Commands;
-use nullray::backend::vulkan::instance::validation_messages;
 use nullray::backend::vulkan::pipeline::{Layout, Pipeline};
 use nullray::backend::{Backend, Canvas, Channel, Development, Precision};
 use nullray::film::compare::{Thresholds, compare};
@@ -32,44 +30,20 @@ use support::tables::TABLES;
 use support::*;
 
 fn main() {
-    // SAFETY: no other thread runs yet.
-    unsafe { std::env::set_var("NULLRAY_VALIDATION", "1") };
-    let mut arguments = Arguments::from_args();
-    // One device and two cores: tests one after another.
-    arguments.test_threads = Some(1);
-    let missing = VulkanBackend::new(None).err();
-    let required = std::env::var("NULLRAY_REQUIRE_VULKAN").is_ok_and(|v| v == "1");
-    if let (Some(e), true) = (&missing, required) {
-        eprintln!("a Vulkan device is required: {e}");
-        std::process::exit(1);
-    }
-    let ignored = missing.is_some();
-    let tests: [(&'static str, fn()); 11] = [
-        ("kernel_functions_equal_their_twins", kernel_functions_equal_their_twins),
-        ("reference_tables_f32", reference_tables_f32),
-        ("reference_tables_f64", reference_tables_f64),
-        ("thesis_rays", thesis_rays),
-        ("films_agree_on_every_scene", films_agree_on_every_scene),
-        ("films_agree_in_f64", films_agree_in_f64),
-        ("parts_merge_to_the_bit", parts_merge_to_the_bit),
-        ("power_law_and_lines_agree", power_law_and_lines_agree),
-        ("light_kinds_and_textures_agree", light_kinds_and_textures_agree),
-        ("films_develop_as_on_the_host", films_develop_as_on_the_host),
-        ("a_moved_camera_needs_no_new_world", a_moved_camera_needs_no_new_world),
+    let tests: [DeviceTest; 11] = [
+        ("kernel_functions_equal_their_twins", true, kernel_functions_equal_their_twins),
+        ("reference_tables_f32", true, reference_tables_f32),
+        ("reference_tables_f64", true, reference_tables_f64),
+        ("thesis_rays", true, thesis_rays),
+        ("films_agree_on_every_scene", true, films_agree_on_every_scene),
+        ("films_agree_in_f64", true, films_agree_in_f64),
+        ("parts_merge_to_the_bit", true, parts_merge_to_the_bit),
+        ("power_law_and_lines_agree", true, power_law_and_lines_agree),
+        ("light_kinds_and_textures_agree", true, light_kinds_and_textures_agree),
+        ("films_develop_as_on_the_host", true, films_develop_as_on_the_host),
+        ("a_moved_camera_needs_no_new_world", true, a_moved_camera_needs_no_new_world),
     ];
-    let trials = tests
-        .into_iter()
-        .map(|(name, test)| {
-            Trial::test(name, move || {
-                let before = validation_messages();
-                test();
-                let messages = validation_messages() - before;
-                if messages > 0 { Err(Failed::from(format!("{messages} validation messages"))) } else { Ok(()) }
-            })
-            .with_ignored_flag(ignored)
-        })
-        .collect();
-    libtest_mimic::run(&arguments, trials).exit();
+    run_device_tests(&tests);
 }
 
 fn vulkan() -> VulkanBackend {

@@ -7,6 +7,7 @@ mod devices;
 mod profile;
 mod render;
 mod trace;
+mod trace_input;
 mod trace_output;
 mod validate;
 mod view;

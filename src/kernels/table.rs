@@ -2,7 +2,7 @@
 
 use super::constants::*;
 use crate::simd::{Lane, MAX_LANES, Real};
-use crate::spacetime::dust_disc::solve::TABLE_SIZE;
+use crate::spacetime::dust_disc::table::TABLE_SIZE;
 
 // The solver, which the build script compiles too, cannot read the kernels' constants.
 const _: () = assert!(TABLE_SIZE[0] == TABLE_ROWS as usize && TABLE_SIZE[1] == TABLE_COLUMNS as usize);

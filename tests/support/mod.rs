@@ -3,6 +3,9 @@
 
 pub mod tables;
 
+use libtest_mimic::{Arguments, Failed, Trial};
+use nullray::backend::vulkan::VulkanBackend;
+use nullray::backend::vulkan::instance::validation_messages;
 use nullray::backend::{Backend, Precision, Stop, TraceOptions, TraceRay};
 use nullray::film::Film;
 use nullray::scene::{Scene, load_scene, parse_scene};
@@ -10,6 +13,34 @@ use nullray::world::World;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+/// A test: its name, whether it needs a Vulkan device, and what it does.
+pub type DeviceTest = (&'static str, bool, fn());
+
+/// Runs tests one after another, because there is one device and times are measured, with validation on, whose messages fail them.
+/// Without a device the tests that need one are ignored, or all fail with `NULLRAY_REQUIRE_VULKAN=1`.
+pub fn run_device_tests(tests: &[DeviceTest]) -> ! {
+    // SAFETY: no other thread runs yet.
+    unsafe { std::env::set_var("NULLRAY_VALIDATION", "1") };
+    let mut arguments = Arguments::from_args();
+    arguments.test_threads = Some(1);
+    let missing = VulkanBackend::new(None).err();
+    let required = std::env::var("NULLRAY_REQUIRE_VULKAN").is_ok_and(|v| v == "1");
+    if let (Some(e), true) = (&missing, required) {
+        eprintln!("a Vulkan device is required: {e}");
+        std::process::exit(1);
+    }
+    let trial = |&(name, needs_device, test): &DeviceTest| {
+        let run = move || {
+            let before = validation_messages();
+            test();
+            let messages = validation_messages() - before;
+            if messages > 0 { Err(Failed::from(format!("{messages} validation messages"))) } else { Ok(()) }
+        };
+        Trial::test(name, run).with_ignored_flag(needs_device && missing.is_some())
+    };
+    libtest_mimic::run(&arguments, tests.iter().map(trial).collect()).exit()
+}
 
 /// A row of a reference table by column name.
 pub struct Row(HashMap<String, String>);

@@ -1,6 +1,7 @@
 //! The CPU backend: a wavefront over bands of pixels on a pool of threads, registers of lanes inside.
 
 pub mod advance;
+pub mod edges;
 pub mod step;
 
 use super::timing::{Dispatch, Profiling, Recorder, RoundCounts, Submission, Timings, now};

@@ -3,9 +3,10 @@
 //! ds^2 = e^{2 alpha} (drho^2 + dzeta^2) + rho^2 e^{-2 nu} (dphi - omega dt)^2 - e^{2 nu} dt^2, in units of the disc's radius: lapse e^nu,
 //! shift -omega (s cross x), gamma^ij = e^{-2 alpha} delta^ij + e^{2 nu} (1 - e^{-2 (alpha + nu)}) phi^i phi^j, s the axis and phi the unit
 //! vector around it. nu = n c, omega = w c^3 and alpha + nu = rho^2 q c^4 with c = (1 + xi^2)^(-1/2); (n, w, q) come from a table over
-//! s = xi / (1 + xi) and eta, oblate spheroidal coordinates rho = sqrt((1 + xi^2) (1 - eta^2)), |zeta| = xi eta. `solve` computes it.
+//! s = xi / (1 + xi) and eta, oblate spheroidal coordinates rho = sqrt((1 + xi^2) (1 - eta^2)), |zeta| = xi eta. `solve` computes what `table` holds.
 
 pub mod solve;
+pub mod table;
 
 use super::{Dyadic, Metric, Scalar, Vec3, parameters};
 
