@@ -1,26 +1,23 @@
 //! Closest hits of straight rays per second on one thread: the eight-wide BVH against Embree 3, on the same triangles and rays.
 //!
-//! The scene is six displaced icospheres in a ring above a displaced ground, 524,288 triangles in all. Camera rays come in tiles of
-//! 4 x 4 pixels, so that eight in a row make a coherent packet; diffuse rays bounce off what the camera rays hit. Embree is opened
-//! at run time if it is installed. Contestants take turns within every repeat; what Embree is given is packed outside its time.
+//! The scene, 524,288 triangles, and the rays are those of `support/displaced.rs`. Embree is opened at run time if it is installed.
+//! Contestants take turns within every repeat; what Embree is given is packed outside its time.
 #![allow(clippy::expect_used, reason = "a benchmark stops where it cannot go on")]
 
-use fearless_simd::{Level, Simd, dispatch};
-use glam::{Vec3, vec2, vec3};
+#[path = "support/displaced.rs"]
+mod displaced;
+
+use displaced::{FULL, Ray, closest_hits, diffuse_rays, displaced_mesh, displaced_scene, primary_rays};
+use fearless_simd::{Level, dispatch};
 use libloading::Library;
-use nullray::kernels::bvh::{EMPTY_STACK, Hit, closest_hit, straight};
+use nullray::kernels::bvh::Hit;
 use nullray::kernels::constants::{FAR, NO_INDEX};
-use nullray::kernels::rng::{hash, unit_float};
-use nullray::kernels::sampling::{sample_cosine, world_from_frame};
 use nullray::kernels::view::SceneView;
 use nullray::scene::mesh::Mesh;
-use nullray::scene::{Geometry, Shape, parse_scene};
 use nullray::world::World;
-use std::collections::HashMap;
 use std::ffi::{c_char, c_void};
 use std::fmt;
 use std::mem::ManuallyDrop;
-use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
@@ -31,27 +28,6 @@ const REPEATS: usize = 21;
 const TOLERANCE: f64 = 1e-4;
 /// Those who take turns, in the order of the table.
 const CONTESTANTS: [&str; 4] = ["nullray", "Embree single", "Embree packet8", "packet8 coherent"];
-
-/// Spheres in the ring, its radius, and theirs.
-const SPHERES: u32 = 6;
-const RING_RADIUS: f32 = 7.0;
-const SPHERE_RADIUS: f32 = 2.0;
-/// Times each face of the icosahedron is cut into four.
-const SUBDIVISIONS: u32 = 6;
-/// Cells of the ground along each side, half its side, and its height.
-const GROUND_CELLS: u32 = 128;
-const GROUND_HALF: f32 = 10.0;
-const GROUND_HEIGHT: f32 = -2.4;
-
-/// The pinhole camera: size of the film, side of a tile, place, and tangent of half the vertical field of view (45 degrees).
-const WIDTH: u32 = 480;
-const HEIGHT: u32 = 272;
-const TILE: u32 = 4;
-const CAMERA: Vec3 = vec3(2.0, 5.0, -17.0);
-const LOOK_AT: Vec3 = vec3(0.0, -0.5, 0.0);
-const TAN_HALF_FOV: f32 = std::f32::consts::SQRT_2 - 1.0;
-/// Distance of a diffuse ray's origin from the surface.
-const OFFSET: f32 = 1e-4;
 
 fn main() -> ExitCode {
     match run() {
@@ -65,10 +41,8 @@ fn main() -> ExitCode {
 
 /// Measures both kinds of rays and prints the table; fails if the libraries do not see the same surfaces.
 fn run() -> Result<(), String> {
-    let mesh = Arc::new(displaced_scene());
-    let mut scene = parse_scene(Path::new("traversal"), "", &[]).expect("an empty scene is valid");
-    scene.shapes.push(Shape { material: 0, side: 0, geometry: Geometry::Mesh(mesh.clone()) });
-    let world = World::compile(&scene).expect("half a million triangles fit");
+    let mesh = Arc::new(displaced_mesh(FULL));
+    let world = World::compile(&displaced_scene(&mesh, "")).expect("half a million triangles fit");
     let view = world.view();
     let level = Level::new();
     let embree = Embree::build(&mesh);
@@ -90,122 +64,6 @@ fn run() -> Result<(), String> {
         println!("install libembree-dev to compare");
     }
     Ok(())
-}
-
-// The scene and the rays.
-
-/// All triangles as one mesh.
-fn displaced_scene() -> Mesh {
-    let mut mesh = Mesh::default();
-    let (points, faces) = icosphere();
-    for k in 0..SPHERES {
-        let (sin, cos) = (std::f32::consts::TAU * k as f32 / SPHERES as f32).sin_cos();
-        let center = vec3(cos, 0.0, sin) * RING_RADIUS;
-        let first = mesh.positions.len() as u32;
-        mesh.positions.extend(points.iter().map(|&p| (center + p * (SPHERE_RADIUS * (1.0 + bump(p + center)))).to_array()));
-        mesh.indices.extend(faces.iter().map(|f| f.map(|i| first + i)));
-    }
-    add_ground(&mut mesh);
-    mesh
-}
-
-/// Relative displacement of a sphere: broad dents with fine ones on them.
-fn bump(p: Vec3) -> f32 {
-    let wave = |p: Vec3| p.x.sin() * p.y.sin() * p.z.sin();
-    0.08 * wave(p * 5.0) + 0.01 * wave(p * 27.0)
-}
-
-/// Unit vectors and triangles of an icosahedron whose faces are cut into four again and again.
-fn icosphere() -> (Vec<Vec3>, Vec<[u32; 3]>) {
-    let g = (1.0 + 5.0f32.sqrt()) / 2.0;
-    #[rustfmt::skip]
-    let corners = [
-        [-1.0, g, 0.0], [1.0, g, 0.0], [-1.0, -g, 0.0], [1.0, -g, 0.0], [0.0, -1.0, g], [0.0, 1.0, g],
-        [0.0, -1.0, -g], [0.0, 1.0, -g], [g, 0.0, -1.0], [g, 0.0, 1.0], [-g, 0.0, -1.0], [-g, 0.0, 1.0],
-    ];
-    #[rustfmt::skip]
-    let mut faces: Vec<[u32; 3]> = vec![
-        [0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11], [1, 5, 9], [5, 11, 4], [11, 10, 2], [10, 7, 6], [7, 1, 8],
-        [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8], [3, 8, 9], [4, 9, 5], [2, 4, 11], [6, 2, 10], [8, 6, 7], [9, 8, 1],
-    ];
-    let mut points: Vec<Vec3> = corners.iter().map(|&c| Vec3::from(c).normalize()).collect();
-    for _ in 0..SUBDIVISIONS {
-        // Neighbours share the middle of their edge.
-        let mut middles: HashMap<(u32, u32), u32> = HashMap::new();
-        let mut cut = Vec::with_capacity(4 * faces.len());
-        for &[a, b, c] in &faces {
-            let [d, e, f] = [(a, b), (b, c), (c, a)].map(|(p, q)| {
-                *middles.entry((p.min(q), p.max(q))).or_insert_with(|| {
-                    let middle = (points[p as usize] + points[q as usize]).normalize();
-                    points.push(middle);
-                    points.len() as u32 - 1
-                })
-            });
-            cut.extend([[a, d, f], [d, b, e], [f, e, c], [d, e, f]]);
-        }
-        faces = cut;
-    }
-    (points, faces)
-}
-
-/// A wavy square below the spheres.
-fn add_ground(mesh: &mut Mesh) {
-    let first = mesh.positions.len() as u32;
-    let side = GROUND_CELLS + 1;
-    let coordinate = |i: u32| GROUND_HALF * (2.0 * i as f32 / GROUND_CELLS as f32 - 1.0);
-    for i in 0..side * side {
-        let (x, z) = (coordinate(i % side), coordinate(i / side));
-        let height = 0.2 * (0.9 * x).sin() * (1.1 * z).sin() + 0.03 * (7.0 * x).sin() * (6.0 * z).sin();
-        mesh.positions.push([x, GROUND_HEIGHT + height, z]);
-    }
-    for i in 0..GROUND_CELLS * GROUND_CELLS {
-        let a = first + i / GROUND_CELLS * side + i % GROUND_CELLS;
-        let (b, c, d) = (a + 1, a + side, a + side + 1);
-        mesh.indices.extend([[a, c, b], [b, c, d]]);
-    }
-}
-
-/// A ray both libraries trace.
-#[derive(Clone, Copy)]
-struct Ray {
-    origin: Vec3,
-    direction: Vec3,
-}
-
-/// Camera rays through the centers of the pixels, tile by tile.
-fn primary_rays() -> Vec<Ray> {
-    let forward = (LOOK_AT - CAMERA).normalize();
-    let right = forward.cross(Vec3::Y).normalize();
-    let up = right.cross(forward);
-    let scale = 2.0 * TAN_HALF_FOV / HEIGHT as f32;
-    let tiles_across = WIDTH / TILE;
-    (0..WIDTH * HEIGHT)
-        .map(|i| {
-            let (tile, inside) = (i / (TILE * TILE), i % (TILE * TILE));
-            let x = (tile % tiles_across * TILE + inside % TILE) as f32 + 0.5 - 0.5 * WIDTH as f32;
-            let y = (tile / tiles_across * TILE + inside / TILE) as f32 + 0.5 - 0.5 * HEIGHT as f32;
-            Ray { origin: CAMERA, direction: (forward + right * (x * scale) - up * (y * scale)).normalize() }
-        })
-        .collect()
-}
-
-/// One cosine-distributed bounce off every hit, in the order of the rays; a last packet that is not full is left out.
-fn diffuse_rays(mesh: &Mesh, view: &SceneView, rays: &[Ray], hits: &[Hit]) -> Vec<Ray> {
-    let mut bounced = Vec::new();
-    for (i, (ray, hit)) in rays.iter().zip(hits).enumerate() {
-        if hit.primitive == NO_INDEX {
-            continue;
-        }
-        let triangle = view.block(hit.primitive / 8).triangle[hit.primitive as usize % 8];
-        let [a, b, c] = mesh.indices[triangle as usize].map(|i| Vec3::from(mesh.positions[i as usize]));
-        let outward = (b - a).cross(c - a).normalize();
-        let normal = if outward.dot(ray.direction) > 0.0 { -outward } else { outward };
-        let u = vec2(unit_float(hash(2 * i as u32)), unit_float(hash(2 * i as u32 + 1)));
-        let origin = ray.origin + ray.direction * hit.t + normal * OFFSET;
-        bounced.push(Ray { origin, direction: world_from_frame(normal, sample_cosine(u)) });
-    }
-    bounced.truncate(bounced.len() / 8 * 8);
-    bounced
 }
 
 // The measurement.
@@ -250,17 +108,8 @@ impl fmt::Display for Rate {
 fn trace(level: Level, view: &SceneView, rays: &[Ray]) -> (f64, Vec<Hit>) {
     let mut hits = vec![Hit::none(FAR); rays.len()];
     let start = Instant::now();
-    dispatch!(level, simd => trace_all(simd, view, rays, &mut hits));
+    closest_hits(level, view, rays, &mut hits);
     (start.elapsed().as_secs_f64(), hits)
-}
-
-/// Finds the closest hit of every ray.
-#[inline(always)]
-fn trace_all<S: Simd>(simd: S, view: &SceneView, rays: &[Ray], hits: &mut [Hit]) {
-    let mut stack = EMPTY_STACK;
-    for (ray, hit) in rays.iter().zip(hits) {
-        closest_hit(simd, view, &straight(ray.origin, ray.direction), 0, &mut stack, hit);
-    }
 }
 
 /// Lets the contestants take turns; the first turn is checked instead of timed.

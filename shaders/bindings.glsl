@@ -1,5 +1,8 @@
 // Every buffer and its accessor. Scene arrays and the film are reached by address, so that they may be larger than a storage
-// buffer range; paths and queues are descriptors. The accessors' twins are in src/kernels/view.rs.
+// buffer range; paths and queues are descriptors. What all rays read alike, addresses and parameters, is a uniform block; what
+// traversal reads, words of 16 bytes, comes through texel buffers, which fetch a word at once.
+// The accessors' twins are in src/kernels/view.rs.
+#extension GL_EXT_scalar_block_layout : require
 
 #ifdef REAL64
 #define real double
@@ -21,11 +24,8 @@
 layout(local_size_x = 64) in;
 
 #define SCENE_BUFFER(name, type) layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer name { type items[]; }
-SCENE_BUFFER(Nodes, BvhNode);
-SCENE_BUFFER(Blocks, TriangleBlock);
 SCENE_BUFFER(Triangles, Triangle);
 SCENE_BUFFER(Vertices, Vertex);
-SCENE_BUFFER(Primitives, Primitive);
 SCENE_BUFFER(Uints, uint);
 SCENE_BUFFER(Floats, float);
 SCENE_BUFFER(Textures, Texture);
@@ -34,41 +34,15 @@ layout(buffer_reference, std430, buffer_reference_align = 8) readonly buffer Pro
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer BlackBodies { vec4 items[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Materials { Material items[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Lights { Light items[]; };
-layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Model {
-    uint source_count;
-    uint source_stride;
-    uint source_start;
-    uint global_start;
-    uint table_start;
-    uint table_rows;
-    uint table_columns;
-    uint value_count;
-    real values[];
-};
-layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Scene {
-    Nodes nodes;
-    Blocks blocks;
-    Triangles triangles;
-    Vertices vertices;
-    Primitives primitives;
-    Uints objects;
-    Materials materials;
-    Textures textures;
-    Texels texels;
-    Lights lights;
-    Floats environment_cdf;
-    Uints clearance;
-    Floats albedo;
-    BlackBodies black_bodies;
-    Profiles profiles;
-    Model model;
-    SceneParameters parameters;
-};
+// Sources of the model, then its table.
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Model { real values[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) buffer FilmSums { uvec4 items[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) buffer FilmAovs { Aov items[]; };
 
 layout(push_constant) uniform Push {
-    Scene scene;
+    // Where traced rays end: STOP_* and up to four numbers, each the sum of two floats.
+    vec4 stop_high;
+    vec4 stop_low;
     FilmSums sums;
     FilmAovs aovs;
     uint first_row;
@@ -79,18 +53,40 @@ layout(push_constant) uniform Push {
     uint parity;
     uint stage;
     uint capacity;
-    uint tracing;
-    // Where traced rays end: STOP_* and up to four numbers, each the sum of two floats.
     uint stop;
-    vec4 stop_high;
-    vec4 stop_low;
 } push;
 
 layout(set = 0, binding = 0, std430) buffer PathBuffer { uvec4 path_words[]; };
 layout(set = 0, binding = 1, std430) buffer CounterBuffer { uint counters[]; };
 layout(set = 0, binding = 2, std430) buffer QueueBuffer { uint queue[]; };
+layout(set = 0, binding = 3, std430) uniform SceneBlock {
+    Triangles triangles;
+    Vertices vertices;
+    Uints objects;
+    Materials materials;
+    Textures textures;
+    Texels texels;
+    Lights lights;
+    Floats environment_cdf;
+    Floats albedo;
+    BlackBodies black_bodies;
+    Profiles profiles;
+    Model model;
+    SceneParameters parameters;
+    uint source_count;
+    uint source_stride;
+    uint table_start;
+    uint unused;
+    // Origin, throat, rim, step, Runge-Kutta tableau, global parameters of the model.
+    real model_values[6 + TABLEAU_SIZE + MAX_GLOBALS];
+} scene;
 
-#define SCENE push.scene.parameters
+layout(set = 0, binding = 4) uniform usamplerBuffer node_words;
+layout(set = 0, binding = 5) uniform usamplerBuffer block_words;
+layout(set = 0, binding = 6) uniform usamplerBuffer primitive_words;
+layout(set = 0, binding = 7) uniform usamplerBuffer clearance_cells;
+
+#define SCENE scene.parameters
 
 // Counters: indirect arguments and count of each queue, then what shading and flight go on with, then statistics,
 // then what following rays took (work.glsl): six counts of two words.
@@ -120,9 +116,8 @@ const uint WORD_DIAGONAL = 14;
 const uint WORD_MIXED = 15;
 const uint WORD_RATIO = 16;
 
-// Steps word of a ray that has not started: from the path's origin, or from the flight's own words.
+// Steps word of a ray that has not started.
 const uint FRESH = 0xffffffffu;
-const uint FRESH_TRACED = 0xfffffffeu;
 
 uvec4 load_word(uint slot, uint word) {
     return path_words[word * push.capacity + slot];
@@ -163,117 +158,121 @@ uint scene_root(uint side) {
     return side == 0 ? 0 : SCENE.far_root;
 }
 
-float node_bound(uint node, uint plane, uint lane) {
-    return push.scene.nodes.items[node].bounds[plane * 8 + lane];
+// Children come in two halves of four.
+vec4 node_bounds(uint node, uint plane, uint half_node) {
+    return uintBitsToFloat(texelFetch(node_words, int(NODE_WORDS * node + 2 * plane + half_node)));
 }
 
-uint node_child(uint node, uint lane) {
-    return push.scene.nodes.items[node].child[lane];
+uvec4 node_children(uint node, uint half_node) {
+    return texelFetch(node_words, int(NODE_WORDS * node + 12 + half_node));
+}
+
+// So do triangles: three rows of coordinates from `row` on, of the vertex (0), the first edge (3), the second edge (6).
+mat3x4 block_rows(uint block, uint row, uint half_block) {
+    int at = int(BLOCK_WORDS * block + 2 * row + half_block);
+    return mat3x4(uintBitsToFloat(texelFetch(block_words, at)), uintBitsToFloat(texelFetch(block_words, at + 2)), uintBitsToFloat(texelFetch(block_words, at + 4)));
 }
 
 uint block_triangle(uint block, uint lane) {
-    return push.scene.blocks.items[block].triangle[lane];
+    return texelFetch(block_words, int(BLOCK_WORDS * block + 18 + lane / 4))[lane % 4];
 }
 
-vec3 block_vertex(uint block, uint lane) {
-    return vec3(push.scene.blocks.items[block].vertex[lane], push.scene.blocks.items[block].vertex[8 + lane], push.scene.blocks.items[block].vertex[16 + lane]);
-}
-
-vec3 block_edge1(uint block, uint lane) {
-    return vec3(push.scene.blocks.items[block].edge1[lane], push.scene.blocks.items[block].edge1[8 + lane], push.scene.blocks.items[block].edge1[16 + lane]);
-}
-
-vec3 block_edge2(uint block, uint lane) {
-    return vec3(push.scene.blocks.items[block].edge2[lane], push.scene.blocks.items[block].edge2[8 + lane], push.scene.blocks.items[block].edge2[16 + lane]);
+vec3 block_vector(uint block, uint row, uint lane) {
+    mat3x4 rows = block_rows(block, row, lane / 4);
+    return vec3(rows[0][lane % 4], rows[1][lane % 4], rows[2][lane % 4]);
 }
 
 Triangle triangle_at(uint index) {
-    return push.scene.triangles.items[index];
+    return scene.triangles.items[index];
 }
 
 Vertex vertex_at(uint index) {
-    return push.scene.vertices.items[index];
+    return scene.vertices.items[index];
 }
 
 Primitive primitive_at(uint index) {
-    return push.scene.primitives.items[index];
+    int at = int(PRIMITIVE_WORDS * index);
+    vec4 a = uintBitsToFloat(texelFetch(primitive_words, at));
+    vec4 b = uintBitsToFloat(texelFetch(primitive_words, at + 1));
+    vec4 c = uintBitsToFloat(texelFetch(primitive_words, at + 2));
+    uvec4 d = texelFetch(primitive_words, at + 3);
+    return Primitive(float[12](a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, c.y, c.z, c.w), d.x, d.y);
 }
 
 uint object_material(uint object) {
-    return push.scene.objects.items[object];
+    return scene.objects.items[object];
 }
 
 Material material_at(uint index) {
-    return push.scene.materials.items[index];
+    return scene.materials.items[index];
 }
 
 Texture texture_at(uint index) {
-    return push.scene.textures.items[index];
+    return scene.textures.items[index];
 }
 
 vec4 texel(uint index) {
-    uvec2 halves = push.scene.texels.items[index];
+    uvec2 halves = scene.texels.items[index];
     return vec4(unpackHalf2x16(halves.x), unpackHalf2x16(halves.y));
 }
 
 Light light_at(uint index) {
-    return push.scene.lights.items[index];
+    return scene.lights.items[index];
 }
 
 float environment_cdf(uint index) {
-    return push.scene.environment_cdf.items[index];
+    return scene.environment_cdf.items[index];
 }
 
 float clearance(uint cell) {
-    return float((push.scene.clearance.items[cell / 4] >> (8 * (cell % 4))) & 0xffu);
+    return float(texelFetch(clearance_cells, int(cell)).x);
 }
 
 float albedo(uint index) {
-    return push.scene.albedo.items[index];
+    return scene.albedo.items[index];
 }
 
 vec4 black_body_entry(uint index) {
-    return push.scene.black_bodies.items[index];
+    return scene.black_bodies.items[index];
 }
 
 vec2 profile_entry(uint index) {
-    return push.scene.profiles.items[index];
+    return scene.profiles.items[index];
 }
 
-// The model's block: origin, step, throat, rim, Runge-Kutta tableau, global parameters, sources.
 real3 model_origin() {
-    return real3(push.scene.model.values[0], push.scene.model.values[1], push.scene.model.values[2]);
+    return real3(scene.model_values[0], scene.model_values[1], scene.model_values[2]);
 }
 
 real model_step() {
-    return push.scene.model.values[3];
+    return scene.model_values[3];
 }
 
 real model_throat() {
-    return push.scene.model.values[4];
+    return scene.model_values[4];
 }
 
 real model_rim() {
-    return push.scene.model.values[5];
+    return scene.model_values[5];
 }
 
 real model_tableau(uint i) {
-    return push.scene.model.values[6 + i];
+    return scene.model_values[6 + i];
 }
 
-real model_global(int i) {
-    return push.scene.model.values[int(push.scene.model.global_start) + i];
+real model_global(uint i) {
+    return scene.model_values[6 + TABLEAU_SIZE + i];
 }
 
 real3 model_table(uint i) {
-    uint at = push.scene.model.table_start + 3 * i;
-    return real3(push.scene.model.values[at], push.scene.model.values[at + 1], push.scene.model.values[at + 2]);
+    uint at = scene.table_start + 3 * i;
+    return real3(scene.model.values[at], scene.model.values[at + 1], scene.model.values[at + 2]);
 }
 
 int model_source_count() {
-    return int(push.scene.model.source_count);
+    return int(scene.source_count);
 }
 
 real model_source(int source, int i) {
-    return push.scene.model.values[int(push.scene.model.source_start) + source * int(push.scene.model.source_stride) + i];
+    return scene.model.values[source * int(scene.source_stride) + i];
 }

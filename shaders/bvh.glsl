@@ -41,16 +41,21 @@ Curve cut_span(Curve curve, float from, float to, float tolerance) {
     vec3 c2 = (curve.c2 + curve.c3 * (3.0 * from)) * (w * w);
     vec3 c3 = curve.c3 * (w * w * w);
     vec3 c2_end = c2 + c3 * 3.0;
-    float bend = sqrt(max(dot(c2, c2), dot(c2_end, c2_end))) * 2.0;
-    float chords = clamp(ceil(sqrt(bend / (8.0 * tolerance))), 1.0, float(MAX_CHORDS));
+    // The sagitta of a chord is an eighth of the largest second derivative.
+    float sagitta = sqrt(max(dot(c2, c2), dot(c2_end, c2_end))) * 0.25;
+    float chords = clamp(ceil(sqrt(sagitta / tolerance)), 1.0, float(MAX_CHORDS));
     vec3 near = c2 + c3, far = c2 + c3 * 2.0;
     float deviation = 0.25 * sqrt(max(dot(near, near), dot(far, far)));
     return Curve(curve_point(curve, from), c1, c2, c3, uint(chords), deviation + tolerance);
 }
 
+vec3 whole_chord(Curve curve) {
+    return curve.c1 + curve.c2 + curve.c3;
+}
+
 vec3 hit_position(Curve curve, float t) {
     if (curve.chords == 1) {
-        return curve.start + (curve.c1 + curve.c2 + curve.c3) * t;
+        return curve.start + whole_chord(curve) * t;
     }
     float count = float(curve.chords);
     float j = min(floor(t * count), count - 1.0);
@@ -74,15 +79,15 @@ bool intersect_chord(uint child, vec3 origin, vec3 direction, float j, float cou
         return false;
     }
     bool any_hit = false;
-    for (uint lane = 0; lane < 8; ++lane) {
-        if (block_triangle(index, lane) == NO_INDEX) {
-            break;
-        }
-        float t, u, v;
-        if (intersect_triangle(origin, direction, block_vertex(index, lane), block_edge1(index, lane), block_edge2(index, lane), t_max, t, u, v)) {
-            hit = Hit((j + t) / count, 8 * index + lane, u, v);
-            t_max = t;
-            any_hit = true;
+    for (uint part = 0; part < 2; ++part) {
+        vec4 t, u, v;
+        bvec4 met = intersect_triangle(origin, direction, block_rows(index, 0, part), block_rows(index, 3, part), block_rows(index, 6, part), t_max, t, u, v);
+        for (uint lane = 0; lane < 4; ++lane) {
+            if (met[lane] && t[lane] < t_max) {
+                hit = Hit((j + t[lane]) / count, 8 * index + 4 * part + lane, u[lane], v[lane]);
+                t_max = t[lane];
+                any_hit = true;
+            }
         }
     }
     return any_hit;
@@ -96,7 +101,7 @@ void intersect_leaf(Curve curve, uint child, float enter, float exit, inout Hit 
     vec3 from = curve_point(curve, first / count);
     for (float j = first; j <= last; j += 1.0) {
         vec3 to = curve_point(curve, (j + 1.0) / count);
-        vec3 direction = single ? curve.c1 + curve.c2 + curve.c3 : to - from;
+        vec3 direction = single ? whole_chord(curve) : to - from;
         float t_max = single ? hit.t : min(hit.t * count - j, 1.0 + CHORD_SLACK);
         if (intersect_chord(child, from, direction, j, count, t_max, hit)) {
             return;
@@ -111,7 +116,7 @@ void closest_hit(Curve curve, uint side, inout Hit hit) {
     if (COUNTING) {
         ++work.chords;
     }
-    vec3 chord = curve.c1 + curve.c2 + curve.c3;
+    vec3 chord = whole_chord(curve);
     bvec3 forward = greaterThanEqual(chord, vec3(0.0));
     vec3 size = max(abs(chord), vec3(MIN_DIRECTION));
     vec3 inverse_chord = 1.0 / mix(-size, size, forward);
@@ -130,22 +135,24 @@ void closest_hit(Curve curve, uint side, inout Hit hit) {
                 ++work.nodes;
             }
             uint bottom = top;
-            for (uint lane = 0; lane < 8; ++lane) {
-                vec3 entry = vec3(node_bound(child, near_plane.x, lane), node_bound(child, near_plane.y, lane), node_bound(child, near_plane.z, lane));
-                vec3 leave = vec3(node_bound(child, near_plane.x ^ 1, lane), node_bound(child, near_plane.y ^ 1, lane), node_bound(child, near_plane.z ^ 1, lane));
-                vec3 t_entry = (entry - near_origin) * inverse_chord;
-                vec3 t_leave = (leave - far_origin) * inverse_chord;
-                float near = max(max(t_entry.x, t_entry.y), max(t_entry.z, 0.0));
-                float far = min(min(t_leave.x, t_leave.y), min(t_leave.z, hit.t));
-                if (near <= far * (1.0 + 4.0 * 1.1920929e-7)) {
-                    // Insert so that the nearest child ends on top.
-                    uint at = top;
-                    while (at > bottom && uintBitsToFloat(traversal_stack[at - 1].y) < near) {
-                        traversal_stack[at] = traversal_stack[at - 1];
-                        --at;
+            for (uint part = 0; part < 2; ++part) {
+                vec4 near = vec4(0.0), far = vec4(hit.t);
+                for (uint axis = 0; axis < 3; ++axis) {
+                    near = max(near, (node_bounds(child, near_plane[axis], part) - near_origin[axis]) * inverse_chord[axis]);
+                    far = min(far, (node_bounds(child, near_plane[axis] ^ 1, part) - far_origin[axis]) * inverse_chord[axis]);
+                }
+                uvec4 children = node_children(child, part);
+                for (uint lane = 0; lane < 4; ++lane) {
+                    if (near[lane] <= far[lane] * (1.0 + 4.0 * 1.1920929e-7)) {
+                        // Insert so that the nearest child ends on top.
+                        uint at = top;
+                        while (at > bottom && uintBitsToFloat(traversal_stack[at - 1].y) < near[lane]) {
+                            traversal_stack[at] = traversal_stack[at - 1];
+                            --at;
+                        }
+                        traversal_stack[at] = uvec3(children[lane], floatBitsToUint(near[lane]), floatBitsToUint(far[lane]));
+                        ++top;
                     }
-                    traversal_stack[at] = uvec3(node_child(child, lane), floatBitsToUint(near), floatBitsToUint(far));
-                    ++top;
                 }
             }
         } else {

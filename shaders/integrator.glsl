@@ -42,7 +42,7 @@ void nystrom_step(Charge charge, inout Flight flight, real h, out real error) {
     flight = Flight(x, p, p, k3);
 }
 
-void runge_kutta_step(Charge charge, inout Flight flight, real parameter, real h, out real error) {
+void runge_kutta_step(Charge charge, inout Flight flight, real parameter, real h, out real error, out real stray) {
     uint stages = uint(model_tableau(0));
     real3 v[MAX_STAGES];
     real3 a[MAX_STAGES];
@@ -50,7 +50,7 @@ void runge_kutta_step(Charge charge, inout Flight flight, real parameter, real h
     a[0] = flight.a;
     Flight state = flight;
     for (uint i = 1; i < stages; ++i) {
-        uint row = 2 + 2 * MAX_STAGES + i * MAX_STAGES;
+        uint row = 2 + 3 * MAX_STAGES + i * MAX_STAGES;
         real3 x = flight.x, p = flight.p;
         for (uint j = 0; j < i; ++j) {
             real weight = h * model_tableau(row + j);
@@ -61,14 +61,16 @@ void runge_kutta_step(Charge charge, inout Flight flight, real parameter, real h
         v[i] = state.v;
         a[i] = state.a;
     }
-    real3 ex = real3(0.0), ep = real3(0.0);
+    real3 ex = real3(0.0), ep = real3(0.0), quartic = real3(0.0);
     for (uint j = 0; j < stages; ++j) {
         real weight = model_tableau(2 + MAX_STAGES + j);
         ex = along(ex, v[j], weight);
         ep = along(ep, a[j], weight);
+        quartic = along(quartic, v[j], model_tableau(2 + 2 * MAX_STAGES + j));
     }
     real turn = h * h * dot(flight.v, flight.v) / dot(flight.p, flight.p);
     error = sqrt(dot(ex, ex) + dot(ep, ep) * turn) * abs(h);
+    stray = sqrt(dot(quartic, quartic)) * abs(h) / real(16.0);
     flight = state;
 }
 

@@ -1,17 +1,5 @@
 // Structures both backends read; documented in src/kernels/layout.rs.
 
-struct BvhNode {
-    float bounds[48];
-    uint child[8];
-};
-
-struct TriangleBlock {
-    float vertex[24];
-    float edge1[24];
-    float edge2[24];
-    uint triangle[8];
-};
-
 struct Triangle {
     uint vertices[3];
     uint object;
@@ -91,7 +79,9 @@ struct SceneParameters {
     float grid_inverse_cell;
     uvec3 grid_size;
     float region_strength;
+    vec3 bounds_low;
     uint camera_kind;
+    vec3 bounds_high;
     uint filter_kind;
     uint film_width;
     uint film_height;

@@ -100,7 +100,7 @@ Surface surface_at(Arrival arrival) {
     }
     uint block = arrival.primitive / 8;
     uint lane = arrival.primitive % 8;
-    vec3 edge1 = block_edge1(block, lane), edge2 = block_edge2(block, lane);
+    vec3 edge1 = block_vector(block, 3, lane), edge2 = block_vector(block, 6, lane);
     Triangle triangle = triangle_at(block_triangle(block, lane));
     uvec3 corners = uvec3(triangle.vertices[0], triangle.vertices[1], triangle.vertices[2]);
     float w = 1.0 - u - v;
@@ -108,7 +108,7 @@ Surface surface_at(Arrival arrival) {
     vec3 shading = vertex_normal(corners.x) * w + vertex_normal(corners.y) * u + vertex_normal(corners.z) * v;
     float length2 = dot(shading, shading);
     shading = length2 > 1e-12 ? shading * (1.0 / sqrt(length2)) : geometric;
-    vec3 position = block_vertex(block, lane) + edge1 * u + edge2 * v;
+    vec3 position = block_vector(block, 0, lane) + edge1 * u + edge2 * v;
     vec2 uv = vertex_uv(corners.x) * w + vertex_uv(corners.y) * u + vertex_uv(corners.z) * v;
     return Surface(position, geometric, shading, uv, triangle.object);
 }

@@ -8,7 +8,7 @@ use nullray::backend::cpu::CpuBackend;
 use nullray::backend::{Backend, Precision};
 use nullray::film::compare::{Thresholds, compare};
 use nullray::film::{Film, luminance};
-use nullray::kernels::bvh::{EMPTY_STACK, Hit, closest_hit, straight};
+use nullray::kernels::bvh::{EMPTY_STACK, Hit, closest_hit, slabs, straight};
 use nullray::kernels::camera::sample_filter;
 use nullray::kernels::constants::{FILTER_BOX, NO_INDEX, STATUS_CAPTURED, STATUS_ESCAPED, STATUS_HIT};
 use nullray::kernels::material::{Bsdf, evaluate_bsdf, sample_bsdf};
@@ -601,7 +601,10 @@ fn bvh_equals_brute_force() {
         let direction = (target - origin).normalize();
         let mut hit = Hit::none(1e30);
         let mut stack = EMPTY_STACK;
-        nullray::dispatch!(level, simd => closest_hit(simd, &view, &straight(origin, direction), 0, &mut stack, &mut hit));
+        nullray::dispatch!(level, simd => {
+            let ray = straight(origin, direction);
+            closest_hit(simd, &view, &ray, &slabs((), &ray), 0, &mut stack, &mut hit)
+        });
         let mut best = 1e30f32;
         for block in &world.blocks {
             for lane in 0..8 {

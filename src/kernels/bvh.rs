@@ -6,30 +6,31 @@
 //! pieces and only those that overlap the box in s are tested.
 
 use super::constants::*;
+use super::integrator::along;
 use super::layout::BvhNode;
 use super::primitive::intersect_primitive;
-use super::triangle::intersect_triangle;
+use super::triangle::{dot, intersect_triangle};
 use super::view::SceneView;
 use super::work::Work;
 use crate::simd::{Lane, load3, splat3};
 use fearless_simd::{Simd, f32x8};
 use glam::Vec3;
 
-/// A straight ray (`chords` = 1, c2 = c3 = 0) or a curved step.
+/// A straight ray (`chords` = 1, c2 = c3 = 0) or a curved step, one or one per lane.
 #[derive(Clone, Copy, Debug)]
-pub struct Curve {
+pub struct Curve<L> {
     /// Start point.
-    pub start: Vec3,
+    pub start: [L; 3],
     /// Coefficient of s.
-    pub c1: Vec3,
+    pub c1: [L; 3],
     /// Coefficient of s^2.
-    pub c2: Vec3,
+    pub c2: [L; 3],
     /// Coefficient of s^3.
-    pub c3: Vec3,
-    /// Pieces the curve is cut into.
-    pub chords: u32,
+    pub c3: [L; 3],
+    /// Pieces the curve is cut into, a whole number.
+    pub chords: L,
     /// Largest distance between curve and chord at equal s, plus the chord tolerance.
-    pub inflation: f32,
+    pub inflation: L,
 }
 
 /// The closest meeting point so far.
@@ -55,56 +56,140 @@ impl Hit {
 
 /// The straight ray origin + s direction.
 #[inline(always)]
-pub fn straight(origin: Vec3, direction: Vec3) -> Curve {
-    Curve { start: origin, c1: direction, c2: Vec3::ZERO, c3: Vec3::ZERO, chords: 1, inflation: 0.0 }
+pub fn straight(origin: Vec3, direction: Vec3) -> Curve<f32> {
+    Curve { start: origin.into(), c1: direction.into(), c2: [0.0; 3], c3: [0.0; 3], chords: 1.0, inflation: 0.0 }
 }
 
 /// The cubic with end points `start` and `end` and end tangents `tangent0` and `tangent1` (derivatives by s), not cut yet.
 #[inline(always)]
-pub fn hermite(start: Vec3, end: Vec3, tangent0: Vec3, tangent1: Vec3) -> Curve {
-    let chord = end - start;
-    let c2 = chord * 3.0 - tangent0 * 2.0 - tangent1;
-    let c3 = tangent0 + tangent1 - chord * 2.0;
-    Curve { start, c1: tangent0, c2, c3, chords: 1, inflation: 0.0 }
+pub fn hermite<L: Lane>(token: L::Token, start: [L; 3], end: [L; 3], tangent0: [L; 3], tangent1: [L; 3]) -> Curve<L> {
+    let (two, three) = (L::constant(token, 2.0), L::constant(token, 3.0));
+    let mut curve = Curve { start, c1: tangent0, c2: start, c3: start, chords: L::constant(token, 1.0), inflation: L::constant(token, 0.0) };
+    for i in 0..3 {
+        let chord = end[i] - start[i];
+        curve.c2[i] = chord * three - tangent0[i] * two - tangent1[i];
+        curve.c3[i] = tangent0[i] + tangent1[i] - chord * two;
+    }
+    curve
 }
 
 /// Point of the curve at parameter `s`.
 #[inline(always)]
-pub fn curve_point(curve: &Curve, s: f32) -> Vec3 {
-    curve.start + (curve.c1 + (curve.c2 + curve.c3 * s) * s) * s
+pub fn curve_point<L: Lane>(curve: &Curve<L>, s: L) -> [L; 3] {
+    along(curve.start, along(curve.c1, along(curve.c2, curve.c3, s), s), s)
 }
 
 /// Derivative of the curve at parameter `s`.
 #[inline(always)]
-pub fn curve_tangent(curve: &Curve, s: f32) -> Vec3 {
-    curve.c1 + (curve.c2 * 2.0 + curve.c3 * (3.0 * s)) * s
+pub fn curve_tangent<L: Lane>(token: L::Token, curve: &Curve<L>, s: L) -> [L; 3] {
+    let twice = curve.c2.map(
+        #[inline(always)]
+        |c| c + c,
+    );
+    along(curve.c1, along(twice, curve.c3, s * L::constant(token, 3.0)), s)
+}
+
+/// From the start of the curve to its end.
+#[inline(always)]
+pub fn whole_chord<L: Lane>(curve: &Curve<L>) -> [L; 3] {
+    [0, 1, 2].map(
+        #[inline(always)]
+        |i| curve.c1[i] + curve.c2[i] + curve.c3[i],
+    )
 }
 
 /// The part of the curve from `from` to `to`, cut so that no chord strays from it by more than `tolerance`.
 #[inline(always)]
-pub fn cut_span(curve: &Curve, from: f32, to: f32, tolerance: f32) -> Curve {
+pub fn cut_span<L: Lane>(token: L::Token, curve: &Curve<L>, from: L, to: L, tolerance: L) -> Curve<L> {
+    let [one, two, three, quarter] = [1.0, 2.0, 3.0, 0.25].map(
+        #[inline(always)]
+        |value| L::constant(token, value),
+    );
     let w = to - from;
-    let c1 = curve_tangent(curve, from) * w;
-    let c2 = (curve.c2 + curve.c3 * (3.0 * from)) * (w * w);
-    let c3 = curve.c3 * (w * w * w);
-    let bend = c2.length_squared().max((c2 + c3 * 3.0).length_squared()).sqrt() * 2.0;
-    let chords = (bend / (8.0 * tolerance)).sqrt().ceil().clamp(1.0, MAX_CHORDS as f32);
-    let deviation = 0.25 * (c2 + c3).length_squared().max((c2 + c3 * 2.0).length_squared()).sqrt();
-    Curve { start: curve_point(curve, from), c1, c2, c3, chords: chords as u32, inflation: deviation + tolerance }
+    let (mut c1, mut c2, mut c3) = (curve_tangent(token, curve, from), along(curve.c2, curve.c3, from * three), curve.c3);
+    for i in 0..3 {
+        c1[i] = c1[i] * w;
+        c2[i] = c2[i] * (w * w);
+        c3[i] = c3[i] * (w * w * w);
+    }
+    let (c2_end, near, far) = (along(c2, c3, three), along(c2, c3, one), along(c2, c3, two));
+    // The sagitta of a chord is an eighth of the largest second derivative.
+    let sagitta = dot(c2, c2).max(dot(c2_end, c2_end)).sqrt() * quarter;
+    let chords = -(-(sagitta / tolerance).sqrt()).floor();
+    let chords = chords.max(one).min(L::constant(token, f64::from(MAX_CHORDS)));
+    let deviation = dot(near, near).max(dot(far, far)).sqrt() * quarter;
+    Curve { start: curve_point(curve, from), c1, c2, c3, chords, inflation: deviation + tolerance }
 }
 
 /// Point where the chords of the curve were hit at parameter `t`.
 #[inline(always)]
-pub fn hit_position(curve: &Curve, t: f32) -> Vec3 {
-    if curve.chords == 1 {
-        return curve.start + (curve.c1 + curve.c2 + curve.c3) * t;
+pub fn hit_position(curve: &Curve<f32>, t: f32) -> Vec3 {
+    if curve.chords == 1.0 {
+        return Vec3::from(curve.start) + Vec3::from(whole_chord(curve)) * t;
     }
-    let count = curve.chords as f32;
+    let count = curve.chords;
     let j = (t * count).floor().min(count - 1.0);
-    let from = curve_point(curve, j / count);
-    let to = curve_point(curve, (j + 1.0) / count);
+    let from = Vec3::from(curve_point(curve, j / count));
+    let to = Vec3::from(curve_point(curve, (j + 1.0) / count));
     from + (to - from) * (t * count - j)
 }
+
+/// A chord prepared for slab tests against inflated boxes, one or one per lane.
+///
+/// A plane is met at plane * inverse + offset: one operation where (plane - origin) * inverse takes two. The offsets are widened by
+/// their rounding error, so that no box is lost.
+#[derive(Clone, Copy, Debug)]
+pub struct Slabs<L> {
+    /// Reciprocal of the chord.
+    pub inverse: [L; 3],
+    /// Offsets of the planes that are met first.
+    pub near: [L; 3],
+    /// Offsets of the planes that are met last.
+    pub far: [L; 3],
+}
+
+/// Prepares the chord of `curve`.
+#[inline(always)]
+pub fn slabs<L: Lane>(token: L::Token, curve: &Curve<L>) -> Slabs<L> {
+    let chord = whole_chord(curve);
+    let smallest = L::constant(token, f64::from(MIN_DIRECTION));
+    let rounding = L::constant(token, f64::from(4.0 * f32::EPSILON));
+    let mut slabs = Slabs { inverse: chord, near: chord, far: chord };
+    for i in 0..3 {
+        let size = L::constant(token, 1.0) / chord[i].max(-chord[i]).max(smallest);
+        let origin = curve.start[i];
+        slabs.inverse[i] = L::select(chord[i].lt(L::constant(token, 0.0)), -size, size);
+        let middle = -(origin * slabs.inverse[i]);
+        let slack = (origin.max(-origin) + curve.inflation).mul_add(rounding, curve.inflation) * size;
+        slabs.near[i] = middle - slack;
+        slabs.far[i] = middle + slack;
+    }
+    slabs
+}
+
+/// Lanes whose chord may meet a child of the scene's root.
+#[inline(always)]
+pub fn meets_root<L: Lane>(token: L::Token, view: &SceneView, slabs: &Slabs<L>) -> u32 {
+    let root = view.node(view.scene_root(0));
+    let mut met = 0;
+    for lane in (0..8).take_while(
+        #[inline(always)]
+        |&lane| root.child[lane] != NO_INDEX,
+    ) {
+        let (mut near, mut far) = (L::constant(token, 0.0), L::constant(token, 1.0));
+        for axis in 0..3 {
+            let low = L::constant(token, f64::from(root.bounds[2 * axis][lane])) * slabs.inverse[axis];
+            let high = L::constant(token, f64::from(root.bounds[2 * axis + 1][lane])) * slabs.inverse[axis];
+            near = near.max(low.min(high) + slabs.near[axis]);
+            far = far.min(low.max(high) + slabs.far[axis]);
+        }
+        met |= !L::bits((far * L::constant(token, BOX_SLACK)).lt(near));
+    }
+    met
+}
+
+/// Rounding must not lose a box that is grazed.
+const BOX_SLACK: f64 = 1.0 + 4.0 * f32::EPSILON as f64;
 
 /// Parameters at which the inflated boxes of a node's children are entered (left), and the mask of those met before `t_max`.
 #[inline(always)]
@@ -114,11 +199,10 @@ fn intersect_node<S: Simd>(simd: S, node: &BvhNode, ray: &SlabRay<S>, t_max: f32
     for axis in 0..3 {
         let entry = <f32x8<S> as Lane>::load(simd, &node.bounds[ray.near_plane[axis]]);
         let exit = <f32x8<S> as Lane>::load(simd, &node.bounds[ray.near_plane[axis] ^ 1]);
-        near = Lane::max(near, Lane::mul_add(entry, ray.inverse[axis], ray.near_offset[axis]));
-        far = Lane::min(far, Lane::mul_add(exit, ray.inverse[axis], ray.far_offset[axis]));
+        near = Lane::max(near, Lane::mul_add(entry, ray.slabs.inverse[axis], ray.slabs.near[axis]));
+        far = Lane::min(far, Lane::mul_add(exit, ray.slabs.inverse[axis], ray.slabs.far[axis]));
     }
-    // Rounding must not lose a box that is grazed.
-    let slack = <f32x8<S> as Lane>::splat(simd, 1.0 + 4.0 * f32::EPSILON);
+    let slack = <f32x8<S> as Lane>::constant(simd, BOX_SLACK);
     let missed = <f32x8<S> as Lane>::bits((far * slack).lt(near));
     let mut nears = [0.0; 8];
     let mut fars = [0.0; 8];
@@ -127,36 +211,21 @@ fn intersect_node<S: Simd>(simd: S, node: &BvhNode, ray: &SlabRay<S>, t_max: f32
     (nears, fars, !missed & 0xff)
 }
 
-/// A chord prepared for slab tests against inflated boxes.
-///
-/// A plane is met at plane * inverse + offset: one operation where (plane - origin) * inverse takes two. The offsets are widened by
-/// their rounding error, so that no box is lost.
+/// Slabs in every lane, and the plane of each axis that is met first.
 struct SlabRay<S: Simd> {
     near_plane: [usize; 3],
-    near_offset: [f32x8<S>; 3],
-    far_offset: [f32x8<S>; 3],
-    inverse: [f32x8<S>; 3],
+    slabs: Slabs<f32x8<S>>,
 }
 
 impl<S: Simd> SlabRay<S> {
     #[inline(always)]
-    fn new(simd: S, origin: Vec3, direction: Vec3, inflation: f32) -> Self {
-        let mut near_plane = [0; 3];
-        let mut near = [0.0; 3];
-        let mut far = [0.0; 3];
-        let mut inverse = [0.0; 3];
-        for axis in 0..3 {
-            let d = direction[axis];
-            let forward = d >= 0.0;
-            near_plane[axis] = 2 * axis + !forward as usize;
-            let outward = if forward { inflation } else { -inflation };
-            let size = d.abs().max(MIN_DIRECTION);
-            inverse[axis] = 1.0 / if forward { size } else { -size };
-            let slack = 4.0 * f32::EPSILON * ((origin[axis].abs() + inflation) * inverse[axis]).abs();
-            near[axis] = -(origin[axis] + outward) * inverse[axis] - slack;
-            far[axis] = -(origin[axis] - outward) * inverse[axis] + slack;
-        }
-        SlabRay { near_plane, near_offset: splat3(simd, near), far_offset: splat3(simd, far), inverse: splat3(simd, inverse) }
+    fn new(simd: S, slabs: &Slabs<f32>) -> Self {
+        let near_plane = [0, 1, 2].map(
+            #[inline(always)]
+            |axis| 2 * axis + usize::from(slabs.inverse[axis] < 0.0),
+        );
+        let Slabs { inverse, near, far } = *slabs;
+        SlabRay { near_plane, slabs: Slabs { inverse: splat3(simd, inverse), near: splat3(simd, near), far: splat3(simd, far) } }
     }
 }
 
@@ -172,15 +241,23 @@ pub struct TraversalStack {
 pub const EMPTY_STACK: TraversalStack =
     TraversalStack { waiting: [(NO_INDEX, 0.0, 0.0); STACK_SIZE as usize], work: Work::from_counts([0; 6]) };
 
-/// Finds the closest hit of `curve` before `hit.t`, on one side of a wormhole. For a curved step `hit.t` starts at 1.
+/// Finds the closest hit of `curve`, whose chord is prepared as `slabs`, before `hit.t`, on one side of a wormhole. For a curved step
+/// `hit.t` starts at 1.
 ///
 /// `stack` is scratch space, [`EMPTY_STACK`] at first; the caller keeps it because clearing it costs as much as a short ray.
 #[inline(always)]
-pub fn closest_hit<S: Simd>(simd: S, view: &SceneView, curve: &Curve, side: u32, stack: &mut TraversalStack, hit: &mut Hit) {
+pub fn closest_hit<S: Simd>(
+    simd: S,
+    view: &SceneView,
+    curve: &Curve<f32>,
+    slabs: &Slabs<f32>,
+    side: u32,
+    stack: &mut TraversalStack,
+    hit: &mut Hit,
+) {
     let TraversalStack { waiting: stack, work } = stack;
     work.chords += 1;
-    let chord = curve.c1 + curve.c2 + curve.c3;
-    let ray = SlabRay::new(simd, curve.start, chord, curve.inflation);
+    let ray = SlabRay::new(simd, slabs);
     let mut top = 1;
     let mut child = view.scene_root(side);
     let mut enter = 0.0f32;
@@ -238,21 +315,20 @@ pub fn closest_hit<S: Simd>(simd: S, view: &SceneView, curve: &Curve, side: u32,
 
 /// Tests the chords of `curve` that overlap [enter, exit] against what the leaf holds; returns how many it tested.
 #[inline(always)]
-fn intersect_leaf<S: Simd>(simd: S, view: &SceneView, curve: &Curve, child: u32, enter: f32, exit: f32, hit: &mut Hit) -> u64 {
-    if curve.chords == 1 {
-        let direction = curve.c1 + curve.c2 + curve.c3;
-        intersect_chord(simd, view, child, curve.start, direction, 0.0, 1.0, hit.t, hit);
+fn intersect_leaf<S: Simd>(simd: S, view: &SceneView, curve: &Curve<f32>, child: u32, enter: f32, exit: f32, hit: &mut Hit) -> u64 {
+    let count = curve.chords;
+    if count == 1.0 {
+        intersect_chord(simd, view, child, curve.start.into(), whole_chord(curve).into(), 0.0, 1.0, hit.t, hit);
         return 1;
     }
-    let count = curve.chords as f32;
     let first = (enter * count).floor().clamp(0.0, count - 1.0);
     let last = (exit.min(hit.t) * count).floor().clamp(0.0, count - 1.0);
     let mut j = first;
-    let mut from = curve_point(curve, j / count);
+    let mut from = Vec3::from(curve_point(curve, j / count));
     let mut tested = 0;
     while j <= last {
         tested += 1;
-        let to = curve_point(curve, (j + 1.0) / count);
+        let to = Vec3::from(curve_point(curve, (j + 1.0) / count));
         let t_max = (hit.t * count - j).min(1.0 + CHORD_SLACK);
         if intersect_chord(simd, view, child, from, to - from, j, count, t_max, hit) {
             break;

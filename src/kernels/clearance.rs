@@ -1,25 +1,14 @@
 //! The clearance grid: how far a ray may go before it can meet anything.
 
+use super::bvh::{Curve, curve_point};
 use super::constants::*;
 use super::integrator::along;
 use super::triangle::dot;
 use super::view::SceneView;
 use crate::simd::Lane;
 
-/// A cubic x(s) = start + c1 s + c2 s^2 + c3 s^3 per lane, in cells of the grid.
-#[derive(Clone, Copy)]
-pub struct GridCurve<L> {
-    /// Start point.
-    pub start: [L; 3],
-    /// Coefficient of s.
-    pub c1: [L; 3],
-    /// Coefficient of s^2.
-    pub c2: [L; 3],
-    /// Coefficient of s^3.
-    pub c3: [L; 3],
-}
-
-/// Lower bound of the distance from a point to the nearest geometry, both in cells of the grid; 0 where nothing is known.
+/// Lower bound of the distance from a point to the nearest geometry, both in cells of the grid: what the cell says, or outside of the
+/// grid the distance to the box that holds all geometry.
 #[inline(always)]
 pub fn clearance_at<L: Lane>(token: L::Token, view: &SceneView, cell: [L; 3]) -> L {
     let zero = L::constant(token, 0.0);
@@ -32,37 +21,34 @@ pub fn clearance_at<L: Lane>(token: L::Token, view: &SceneView, cell: [L; 3]) ->
     let outside = nearest.lt(zero);
     let inside = L::constant(token, -1.0).lt(nearest);
     let index = L::select(outside, zero, L::select(inside, flat, zero));
-    let found = index.gather(view.clearance) * L::constant(token, 0.25);
-    L::select(outside, zero, L::select(inside, found, zero))
+    let found = L::select(inside, index.gather(view.clearance) * L::constant(token, 0.25), zero);
+    if L::bits(outside) == 0 { found } else { L::select(outside, bounds_distance(token, view, cell), found) }
 }
 
-/// Point of the curve at parameter `s`.
+/// Largest distance along an axis from a point to the box that holds all geometry, 0 inside.
 #[inline(always)]
-pub fn grid_point<L: Lane>(curve: &GridCurve<L>, s: L) -> [L; 3] {
-    along(curve.start, along(curve.c1, along(curve.c2, curve.c3, s), s), s)
-}
-
-/// The curve from `start` to `end` with end tangents `tangent0` and `tangent1`, in cells of the grid.
-#[inline(always)]
-pub fn grid_curve<L: Lane>(
-    token: L::Token,
-    view: &SceneView,
-    start: [L; 3],
-    end: [L; 3],
-    tangent0: [L; 3],
-    tangent1: [L; 3],
-) -> GridCurve<L> {
-    let scale = L::constant(token, f64::from(view.scene.grid_inverse_cell));
-    let mut curve = GridCurve { start, c1: tangent0, c2: start, c3: start };
+pub fn bounds_distance<L: Lane>(token: L::Token, view: &SceneView, cell: [L; 3]) -> L {
+    let mut distance = L::constant(token, 0.0);
     for i in 0..3 {
-        let chord = (end[i] - start[i]) * scale;
-        let (t0, t1) = (tangent0[i] * scale, tangent1[i] * scale);
-        curve.start[i] = (start[i] - L::constant(token, f64::from(view.scene.grid_min[i]))) * scale;
-        curve.c1[i] = t0;
-        curve.c2[i] = chord * L::constant(token, 3.0) - t0 * L::constant(token, 2.0) - t1;
-        curve.c3[i] = t0 + t1 - chord * L::constant(token, 2.0);
+        let low = L::constant(token, f64::from(view.scene.bounds_low[i]));
+        let high = L::constant(token, f64::from(view.scene.bounds_high[i]));
+        distance = distance.max(low - cell[i]).max(cell[i] - high);
     }
-    curve
+    distance
+}
+
+/// A curve in cells of the grid.
+#[inline(always)]
+pub fn grid_curve<L: Lane>(token: L::Token, view: &SceneView, curve: &Curve<L>) -> Curve<L> {
+    let scale = L::constant(token, f64::from(view.scene.grid_inverse_cell));
+    let mut scaled = *curve;
+    for i in 0..3 {
+        scaled.start[i] = (curve.start[i] - L::constant(token, f64::from(view.scene.grid_min[i]))) * scale;
+        scaled.c1[i] = curve.c1[i] * scale;
+        scaled.c2[i] = curve.c2[i] * scale;
+        scaled.c3[i] = curve.c3[i] * scale;
+    }
+    scaled
 }
 
 /// Length of a vector per lane.
@@ -76,7 +62,7 @@ pub fn grid_length<L: Lane>(v: [L; 3]) -> L {
 /// First the middle: all of a curve lies within half its control polygon of the middle of its chord. Then a march from
 /// both ends: at every point the curve may go on by the clearance there before it can meet anything.
 #[inline(always)]
-pub fn occupied_span<L: Lane>(token: L::Token, view: &SceneView, curve: &GridCurve<L>, wanted: u32) -> (L, L) {
+pub fn occupied_span<L: Lane>(token: L::Token, view: &SceneView, curve: &Curve<L>, wanted: u32) -> (L, L) {
     let (zero, one) = (L::constant(token, 0.0), L::constant(token, 1.0));
     let half = L::constant(token, 0.5);
     let inner = along(curve.c1, curve.c2, one);
@@ -94,9 +80,9 @@ pub fn occupied_span<L: Lane>(token: L::Token, view: &SceneView, curve: &GridCur
     let least = L::constant(token, f64::from(MARCH_GAIN));
     let (mut from, mut to) = (zero, one);
     for _ in 0..MARCH_STEPS {
-        let gain = clearance_at(token, view, grid_point(curve, from)) * rate;
+        let gain = clearance_at(token, view, curve_point(curve, from)) * rate;
         from = L::select(gain.lt(least), from, (from + gain).min(one));
-        let loss = clearance_at(token, view, grid_point(curve, to)) * rate;
+        let loss = clearance_at(token, view, curve_point(curve, to)) * rate;
         to = L::select(loss.lt(least), to, to - loss);
     }
     (L::select(blocked, from, one), to.max(from))

@@ -41,6 +41,10 @@ constants! {
         CHILD_PRIMITIVE = 0x4000_0000;
         /// Low bits of a BVH child.
         CHILD_INDEX = 0x3fff_ffff;
+        /// Words of 16 bytes of a node, of a block of triangles, of an analytic primitive.
+        NODE_WORDS = 14;
+        BLOCK_WORDS = 20;
+        PRIMITIVE_WORDS = 4;
         /// Entries of the traversal stack; the builder proves that no tree needs more.
         STACK_SIZE = 96;
         /// Hit on an analytic primitive rather than a triangle.
@@ -101,6 +105,10 @@ constants! {
         METHOD_LEAPFROG = 4;
         /// Most stages of a Runge-Kutta method.
         MAX_STAGES = 7;
+        /// Entries of a packed tableau: stages, whether it estimates its error, nodes, error weights, weights of the quartic term, rows.
+        TABLEAU_SIZE = 2 + 3 * MAX_STAGES + MAX_STAGES * MAX_STAGES;
+        /// Most parameters of a model beside those of its sources.
+        MAX_GLOBALS = 16;
         /// Iterations of the implicit kick of symplectic Euler.
         SYMPLECTIC_ITERATIONS = 4;
 

@@ -181,8 +181,6 @@ pub struct Charge<L> {
 
 /// Most stages of a Runge-Kutta method, as an array's length.
 pub const STAGES: usize = MAX_STAGES as usize;
-/// Entries of a packed tableau: stages, whether it estimates its error, nodes, error weights, matrix rows.
-pub const TABLEAU_SIZE: usize = 2 + 2 * STAGES + STAGES * STAGES;
 
 /// a + b f.
 #[inline(always)]
@@ -261,7 +259,8 @@ pub fn nystrom_step<M: Model, L: Lane>(
 }
 
 /// One step of the Runge-Kutta method that `model.tableau` holds. Its last stage is evaluated at the new state, so a step costs one
-/// evaluation fewer than it has stages. Returns the new state and the local error: of position, and of direction times length.
+/// evaluation fewer than it has stages. Returns the new state, the local error (of position, and of direction times length), and how far the
+/// cubic through both ends strays from the method's own dense output, which is in the middle.
 #[inline(always)]
 pub fn runge_kutta_step<M: Model, L: Lane>(
     token: L::Token,
@@ -270,14 +269,14 @@ pub fn runge_kutta_step<M: Model, L: Lane>(
     flight: &Flight<L>,
     parameter: L,
     h: L,
-) -> (Flight<L>, L) {
+) -> (Flight<L>, L, L) {
     let tableau = &model.tableau;
     let stages = tableau[0].to_f64() as usize;
     let mut v = [flight.v; STAGES];
     let mut a = [flight.a; STAGES];
     let mut state = *flight;
     for i in 1..stages {
-        let row = 2 + 2 * STAGES + i * STAGES;
+        let row = 2 + 3 * STAGES + i * STAGES;
         let (mut x, mut p) = (flight.x, flight.p);
         for j in 0..i {
             let weight = h * L::splat(token, tableau[row + j]);
@@ -288,15 +287,18 @@ pub fn runge_kutta_step<M: Model, L: Lane>(
         v[i] = state.v;
         a[i] = state.a;
     }
-    let (mut ex, mut ep) = ([L::constant(token, 0.0); 3], [L::constant(token, 0.0); 3]);
+    let zero = [L::constant(token, 0.0); 3];
+    let (mut ex, mut ep, mut quartic) = (zero, zero, zero);
     for j in 0..stages {
         let weight = L::splat(token, tableau[2 + STAGES + j]);
         ex = along(ex, v[j], weight);
         ep = along(ep, a[j], weight);
+        quartic = along(quartic, v[j], L::splat(token, tableau[2 + 2 * STAGES + j]));
     }
     let turn = h * h * dot(flight.v, flight.v) / dot(flight.p, flight.p);
-    let error = (dot(ex, ex) + dot(ep, ep) * turn).sqrt() * h.max(-h);
-    (state, error)
+    let length = h.max(-h);
+    let error = (dot(ex, ex) + dot(ep, ep) * turn).sqrt() * length;
+    (state, error, dot(quartic, quartic).sqrt() * length * L::constant(token, 1.0 / 16.0))
 }
 
 /// Symplectic Euler (Satoh 2003): p += h force(x, p), implicitly, then x += h velocity(x, p) with the new p. Where the force depends on

@@ -2,7 +2,9 @@
 //!
 //! Every three-vector is followed by a scalar that means something, so there is no padding.
 
+use super::constants::{BLOCK_WORDS, NODE_WORDS, PRIMITIVE_WORDS};
 use bytemuck::{Pod, Zeroable};
+use std::mem::offset_of;
 
 /// A node of the eight-wide BVH: bounds of its children, and what they are (`CHILD_*`, or a node index).
 ///
@@ -63,7 +65,14 @@ pub struct Primitive {
     pub kind: u32,
     /// Index into the objects.
     pub object: u32,
+    /// Fills a cache line.
+    pub unused: [u32; 2],
 }
+
+// Shaders read these as words of 16 bytes (`bindings.glsl`).
+const _: () = assert!(size_of::<BvhNode>() == 16 * NODE_WORDS as usize && offset_of!(BvhNode, child) == 16 * 12);
+const _: () = assert!(size_of::<TriangleBlock>() == 16 * BLOCK_WORDS as usize && offset_of!(TriangleBlock, triangle) == 16 * 18);
+const _: () = assert!(size_of::<Primitive>() == 16 * PRIMITIVE_WORDS as usize && offset_of!(Primitive, kind) == 16 * 3);
 
 /// A material. Textures multiply the value beside them.
 #[repr(C)]
@@ -193,8 +202,12 @@ pub struct SceneParameters {
     pub grid_size: [u32; 3],
     /// Coefficient A of the far field n = 1 + A / r outside the region; 0 if space is straight there.
     pub region_strength: f32,
+    /// Lowest corner of the box that holds all geometry, in cells of the grid.
+    pub bounds_low: [f32; 3],
     /// `CAMERA_*`.
     pub camera_kind: u32,
+    /// Highest corner of that box.
+    pub bounds_high: [f32; 3],
     /// `FILTER_*`.
     pub filter_kind: u32,
     /// Film width in pixels.

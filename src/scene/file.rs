@@ -376,8 +376,8 @@ impl Default for IntegratorTable {
     fn default() -> Self {
         IntegratorTable {
             method: unspanned(Method::Auto),
-            tolerance: Positive(0.3),
-            chord_tolerance: Positive(0.2),
+            tolerance: Positive(1.0),
+            chord_tolerance: Positive(0.1),
             step: Positive(0.1),
             max_steps: Whole(2000),
         }

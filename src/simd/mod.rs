@@ -56,6 +56,8 @@ pub trait Lane: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Se
     fn max(self, other: Self) -> Self;
     /// Lanes where `self < other`.
     fn lt(self, other: Self) -> Self::Mask;
+    /// Lanes whose bit is set, lane 0 lowest.
+    fn mask(token: Self::Token, bits: u32) -> Self::Mask;
     /// `then` where the mask is set, `otherwise` elsewhere.
     fn select(mask: Self::Mask, then: Self, otherwise: Self) -> Self;
     /// Lanes set in both masks.
@@ -195,6 +197,10 @@ macro_rules! scalar_lane {
                 self < other
             }
             #[inline(always)]
+            fn mask(_: (), bits: u32) -> bool {
+                bits & 1 == 1
+            }
+            #[inline(always)]
             fn select(mask: bool, then: Self, otherwise: Self) -> Self {
                 if mask { then } else { otherwise }
             }
@@ -302,6 +308,10 @@ macro_rules! register_lane {
             #[inline(always)]
             fn lt(self, other: Self) -> $mask<S> {
                 SimdBase::simd_lt(self, other)
+            }
+            #[inline(always)]
+            fn mask(token: S, bits: u32) -> $mask<S> {
+                $mask::from_bitmask(token, bits.into())
             }
             #[inline(always)]
             fn select(mask: $mask<S>, then: Self, otherwise: Self) -> Self {

@@ -70,6 +70,8 @@ pub(super) fn build(world: &mut World, corners: &[[Vec3; 3]], bounds: (Vec3, Vec
     world.scene.grid_min = grid.min.into();
     world.scene.grid_inverse_cell = 1.0 / grid.cell;
     world.scene.grid_size = grid.size.to_array();
+    world.scene.bounds_low = ((bounds.0 - grid.min) / grid.cell).into();
+    world.scene.bounds_high = ((bounds.1 - grid.min) / grid.cell).into();
     world.clearance = grid.distances();
 }
 

@@ -147,6 +147,8 @@ impl World {
             grid_min: own.grid_min,
             grid_inverse_cell: own.grid_inverse_cell,
             grid_size: own.grid_size,
+            bounds_low: own.bounds_low,
+            bounds_high: own.bounds_high,
             origin_offset: own.origin_offset,
             method: own.method,
             literal_kick: own.literal_kick,
@@ -262,7 +264,7 @@ impl World {
                     continue;
                 }
             };
-            self.primitives.push(Primitive { data, kind, object });
+            self.primitives.push(Primitive { data, kind, object, unused: [0; 2] });
         }
         Ok(corners)
     }
@@ -366,8 +368,10 @@ fn scene_parameters(scene: &Scene) -> SceneParameters {
         max_depth: film.max_depth,
         environment: [environment_parameters(&scene.environment[0]), environment_parameters(&scene.environment[1])],
         light_share: LIGHT_SHARE,
-        // Without a grid every lookup is outside of it, where anything may be met.
+        // Without a grid every lookup is outside of it, and anything may be met anywhere.
         grid_inverse_cell: 1.0,
+        bounds_low: [-FAR; 3],
+        bounds_high: [FAR; 3],
         ..bytemuck::Zeroable::zeroed()
     }
 }

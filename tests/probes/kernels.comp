@@ -53,10 +53,19 @@ void main() {
     put(0, world_from_frame(n, v3(3)));
     put(3, frame_from_world(n, v3(3)));
 #elif FUNCTION == 3
-    float t = 0.0, a = 0.0, b = 0.0;
-    bool hit = intersect_triangle(v3(0), v3(3) - 0.5, v3(6), v3(9) - 0.5, v3(12) - 0.5, 10.0, t, a, b);
+    // The triangle is the third of four; the others are nowhere.
+    mat3x4 far = lanes(vec3(1e3));
+    mat3x4 vertex = far, edge1 = far, edge2 = far;
+    for (uint axis = 0; axis < 3; ++axis) {
+        vertex[axis].z = v3(6)[axis];
+        edge1[axis].z = v3(9)[axis] - 0.5;
+        edge2[axis].z = v3(12)[axis] - 0.5;
+    }
+    vec4 t, a, b;
+    bvec4 met = intersect_triangle(v3(0), v3(3) - 0.5, vertex, edge1, edge2, 10.0, t, a, b);
+    bool hit = met.z && !any(met.xyw);
     put(0, hit ? 1.0 : 0.0);
-    put(1, hit ? vec3(t, a, b) : vec3(0.0));
+    put(1, hit ? vec3(t.z, a.z, b.z) : vec3(0.0));
 #elif FUNCTION == 4
     put(0, intersect_sphere(4.0 * v3(0) - 2.0, v3(3) - 0.5, v3(6), f(9) + 0.1, 100.0));
     put(1, intersect_quad(4.0 * v3(0) - 2.0, v3(3) - 0.5, v3(6), v3(9) - 0.3, v3(12) - 0.7, 100.0));

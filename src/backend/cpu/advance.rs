@@ -3,7 +3,7 @@
 use super::edges::*;
 use super::step::*;
 use crate::backend::Stop;
-use crate::kernels::bvh::{Curve, Hit, TraversalStack, closest_hit, cut_span, hermite, hit_position, straight};
+use crate::kernels::bvh::{Hit, TraversalStack, closest_hit, hit_position, slabs, straight};
 use crate::kernels::constants::*;
 use crate::kernels::integrator::*;
 use crate::kernels::path::{Arrival, matter_velocity};
@@ -135,7 +135,7 @@ impl<T: Scalar> Solo<T> {
         let curve = straight(to_vec3(self.x), to_vec3(self.d));
         let mut hit = Hit::none(distance.to_f32());
         self.chords += 1;
-        closest_hit(simd, &course.view, &curve, self.side, stack, &mut hit);
+        closest_hit(simd, &course.view, &curve, &slabs((), &curve), self.side, stack, &mut hit);
         if hit.primitive != NO_INDEX {
             self.length = self.length + T::from_f64(f64::from(hit.t));
             self.hit = Some((hit, hit_position(&curve, hit.t)));
@@ -257,21 +257,24 @@ pub fn advance_curved<S: Simd, T: Scalar>(
         }
         stack.work.steps += u64::from(live.count_ones());
         stack.work.skips += u64::from((accepted & !masks.occupied).count_ones());
-        for steps in &mut lanes.steps[..T::WIDTH] {
-            *steps += 1;
+        let (looked_up, met) = (masks.occupied & accepted, masks.met & accepted);
+        for i in 0..T::WIDTH {
+            lanes.steps[i] += 1;
+            lanes.chords[i] += looked_up >> i & 1;
         }
+        let missed = u64::from((looked_up & !met).count_ones());
+        stack.work.chords += missed;
+        stack.work.nodes += missed;
 
         // Look for hits along the steps that may meet something.
-        let mut todo = masks.occupied & accepted;
+        let mut todo = met;
         while todo != 0 {
             let i = todo.trailing_zeros() as usize;
             todo &= todo - 1;
-            lanes.chords[i] += 1;
             let (from, to) = (lanes.next.from[i].to_f32(), lanes.next.to[i].to_f32());
-            let curve = step_curve(&lanes, i, euler);
-            let curve = cut_span(&curve, from, to, scene.chord_tolerance * lanes.next.cone[i].to_f32());
+            let (curve, slabs) = lanes.next.pieces.of_lane(i);
             let mut hit = Hit::none(1.0);
-            closest_hit(simd, &course.view, &curve, lanes.side[i], stack, &mut hit);
+            closest_hit(simd, &course.view, &curve, &slabs, lanes.side[i], stack, &mut hit);
             if hit.primitive != NO_INDEX {
                 let s = from + (to - from) * hit.t;
                 let landed = land_on_surface(&lanes, i, s, (hit, hit_position(&curve, hit.t)));
@@ -322,15 +325,6 @@ pub fn advance_curved<S: Simd, T: Scalar>(
             }
         }
     }
-}
-
-/// The step in hand of lane `i` as a cubic.
-#[inline(always)]
-fn step_curve<T: Scalar>(lanes: &Lanes<T>, i: usize, euler: bool) -> Curve {
-    let at = |v: &[Row<T>; 3]| Vec3::new(v[0][i].to_f32(), v[1][i].to_f32(), v[2][i].to_f32());
-    let (start, end) = (at(&lanes.x), at(&lanes.next.x));
-    let h = lanes.h[i].to_f32();
-    if euler { hermite(start, end, end - start, end - start) } else { hermite(start, end, at(&lanes.v) * h, at(&lanes.next.v) * h) }
 }
 
 /// Lane `i` where it met a surface at the share `s` of its step: momentum from the cubic through both ends.

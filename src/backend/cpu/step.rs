@@ -1,6 +1,7 @@
 //! One step of all rays in flight, as lanes of registers: the integration, compiled for each model, and what is the same for all.
 
 use crate::backend::Stop;
+use crate::kernels::bvh::{Curve, Slabs, cut_span, hermite, meets_root, slabs};
 use crate::kernels::clearance::{grid_curve, occupied_span};
 use crate::kernels::constants::*;
 use crate::kernels::integrator::*;
@@ -153,6 +154,8 @@ pub struct Next<T> {
     pub a: [Row<T>; 3],
     /// Local errors of the steps.
     pub error: Row<T>,
+    /// How far the cubics through both ends stray from the rays between.
+    pub stray: Row<T>,
     /// Coordinate lengths that the model allows the next steps.
     pub safe: Row<T>,
     /// Lengths by which their errors are measured.
@@ -161,12 +164,59 @@ pub struct Next<T> {
     pub h: Row<T>,
     /// Coordinate lengths of the steps.
     pub travelled: Row<T>,
-    /// Widths of the cones.
-    pub cone: Row<T>,
     /// Where geometry may be met first along each step.
     pub from: Row<T>,
     /// Where it may be met last.
     pub to: Row<T>,
+    /// The steps between these, cut into chords; valid where geometry may be met.
+    pub pieces: Pieces<T>,
+}
+
+/// Pieces of steps as [`Curve`]s, and their chords as [`Slabs`].
+pub struct Pieces<T> {
+    start: [Row<T>; 3],
+    c1: [Row<T>; 3],
+    c2: [Row<T>; 3],
+    c3: [Row<T>; 3],
+    chords: Row<T>,
+    inflation: Row<T>,
+    inverse: [Row<T>; 3],
+    near: [Row<T>; 3],
+    far: [Row<T>; 3],
+}
+
+impl<T: Scalar> Pieces<T> {
+    #[inline(always)]
+    fn store<L: Lane<Real = T>>(&mut self, curve: &Curve<L>, slabs: &Slabs<L>) {
+        let mut all = [
+            (&mut self.start, curve.start),
+            (&mut self.c1, curve.c1),
+            (&mut self.c2, curve.c2),
+            (&mut self.c3, curve.c3),
+            (&mut self.inverse, slabs.inverse),
+            (&mut self.near, slabs.near),
+            (&mut self.far, slabs.far),
+        ];
+        for (rows, values) in &mut all {
+            for axis in 0..3 {
+                values[axis].store(&mut rows[axis]);
+            }
+        }
+        curve.chords.store(&mut self.chords);
+        curve.inflation.store(&mut self.inflation);
+    }
+
+    /// The piece of lane `i`.
+    #[inline(always)]
+    pub fn of_lane(&self, i: usize) -> (Curve<f32>, Slabs<f32>) {
+        let [start, c1, c2, c3, inverse, near, far] =
+            [&self.start, &self.c1, &self.c2, &self.c3, &self.inverse, &self.near, &self.far].map(
+                #[inline(always)]
+                |rows| [rows[0][i].to_f32(), rows[1][i].to_f32(), rows[2][i].to_f32()],
+            );
+        let (chords, inflation) = (self.chords[i].to_f32(), self.inflation[i].to_f32());
+        (Curve { start, c1, c2, c3, chords, inflation }, Slabs { inverse, near, far })
+    }
 }
 
 /// Lanes by what became of their step, as bits.
@@ -174,8 +224,10 @@ pub struct Next<T> {
 pub struct Masks {
     /// The step's error was small enough.
     pub accepted: u32,
-    /// Geometry may be met along the step.
+    /// The accepted step is looked up in the BVH, as geometry may be near.
     pub occupied: u32,
+    /// It meets a box below the root.
+    pub met: u32,
     /// The step ends outside the bending region, on the way out.
     pub outside: u32,
     /// The step ends beyond the throat of a wormhole.
@@ -208,13 +260,24 @@ impl<T: Scalar> Lanes<T> {
                 v: [zero; 3],
                 a: [zero; 3],
                 error: zero,
+                stray: zero,
                 safe: zero,
                 detail: zero,
                 h: zero,
                 travelled: zero,
-                cone: zero,
                 from: zero,
                 to: zero,
+                pieces: Pieces {
+                    start: [zero; 3],
+                    c1: [zero; 3],
+                    c2: [zero; 3],
+                    c3: [zero; 3],
+                    chords: one,
+                    inflation: zero,
+                    inverse: [one; 3],
+                    near: [zero; 3],
+                    far: [zero; 3],
+                },
             },
             index: [0; MAX_LANES],
             steps: [0; MAX_LANES],
@@ -232,11 +295,7 @@ impl<T: Scalar> Lanes<T> {
     /// Moves the lanes of `accepted` to the end of their step.
     #[inline(always)]
     pub fn commit<L: Lane<Real = T>>(&mut self, token: L::Token, accepted: u32) {
-        let flags: Row<T> = std::array::from_fn(
-            #[inline(always)]
-            |i| T::from_f64(f64::from(accepted >> i & 1)),
-        );
-        let moves = L::constant(token, 0.0).lt(L::load(token, &flags));
+        let moves = L::mask(token, accepted);
         let next = &self.next;
         for axis in 0..3 {
             for (row, moved) in [
@@ -324,8 +383,9 @@ fn integrate_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, cour
     let h = L::load(token, &lanes.h);
     let parameter = L::load(token, &lanes.parameter);
     let medium = matches!(M::KIND.class(), Class::Medium);
-    let (moved, error) = if scene.method == METHOD_NYSTROM && medium {
-        nystrom_step::<M, L>(token, model, &charge, &flight, h)
+    let (moved, error, stray) = if scene.method == METHOD_NYSTROM && medium {
+        let (moved, error) = nystrom_step::<M, L>(token, model, &charge, &flight, h);
+        (moved, error, L::constant(token, 0.0))
     } else {
         runge_kutta_step::<M, L>(token, model, &charge, &flight, parameter, h)
     };
@@ -336,6 +396,7 @@ fn integrate_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, cour
     safe.store(&mut next.safe);
     detail.store(&mut next.detail);
     error.store(&mut next.error);
+    stray.store(&mut next.stray);
     for axis in 0..3 {
         moved.x[axis].store(&mut next.x[axis]);
         moved.p[axis].store(&mut next.p[axis]);
@@ -370,7 +431,7 @@ pub fn integrate_alone<T: Scalar>(course: &Course<T>, functions: &PointFunctions
         captured |= u32::from(alive.to_f64() < 0.0) << i;
         let next = &mut lanes.next;
         (next.safe[i], next.detail[i]) = (functions.safe_step)((), model, moved.x);
-        next.error[i] = T::from_f64(0.0);
+        (next.error[i], next.stray[i]) = (T::from_f64(0.0), T::from_f64(0.0));
         for axis in 0..3 {
             next.x[axis][i] = moved.x[axis];
             next.p[axis][i] = moved.p[axis];
@@ -401,12 +462,12 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
     let cap = L::load(token, &lanes.detail) * L::constant(token, DETAIL_TOLERANCE);
     let tolerance = (cone * L::constant(token, f64::from(scene.tolerance))).min(cap).max(floor);
     let good = error.lt(tolerance);
-    let accepted = if fixed { u32::MAX } else { L::bits(good) };
+    let mut accepted = if fixed { u32::MAX } else { L::bits(good) };
 
     // Choose the next step length, inside what the model allows at the place it starts from.
     let straight = scene.method == METHOD_EULER && course.kind.class() == Class::Medium;
     let speed = dot(moved.v, moved.v).sqrt();
-    let next_h = if fixed {
+    let mut next_h = if fixed {
         if scene.method == METHOD_RUNGE_KUTTA { L::splat(token, model.step) / speed } else { h }
     } else {
         let proposed = h * step_factor(token, error, tolerance);
@@ -433,13 +494,32 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
         let none = [zero; 3];
         (along(none, flight.v, h), along(none, moved.v, h))
     };
-    let curve = grid_curve(token, &course.view, flight.x, moved.x, tangent0, tangent1);
-    let (from, to) = occupied_span(token, &course.view, &curve, live & accepted);
+    let curve = hermite(token, flight.x, moved.x, tangent0, tangent1);
+    let (from, to) = occupied_span(token, &course.view, &grid_curve(token, &course.view, &curve), live & accepted);
     let next = &mut lanes.next;
+    let mut occupied = L::bits(from.lt(to)) & live & accepted;
+    let mut met = occupied;
+    if occupied != 0 {
+        // Where something may be met, the way between the ends must be as exact as they are, and as the hits: these are single.
+        let stray = L::load(token, &next.stray);
+        let allowed = tolerance.max(size * L::constant(token, TOLERANCE_FLOOR_F32));
+        let strays = if fixed { 0 } else { L::bits(allowed.lt(stray)) & occupied };
+        if strays != 0 {
+            next_h = L::select(L::mask(token, strays), h * step_factor(token, stray, allowed), next_h);
+            accepted &= !strays;
+            occupied &= !strays;
+            met = occupied;
+        }
+        let piece = cut_span(token, &curve, from, to, cone * L::constant(token, f64::from(scene.chord_tolerance)));
+        let prepared = slabs(token, &piece);
+        if scene.far_root == 0 {
+            met &= meets_root(token, &course.view, &prepared);
+        }
+        next.pieces.store(&piece, &prepared);
+    }
     next_h.store(&mut next.h);
     travelled.store(&mut next.travelled);
-    cone.store(&mut next.cone);
     from.store(&mut next.from);
     to.store(&mut next.to);
-    Masks { accepted, occupied: L::bits(from.lt(to)), outside: L::bits(outside), crossed }
+    Masks { accepted, occupied, met, outside: L::bits(outside), crossed }
 }

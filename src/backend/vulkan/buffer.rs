@@ -19,10 +19,12 @@ pub struct Buffer {
 }
 
 impl Buffer {
-    /// A buffer of at least 16 bytes for storage, transfers, indirect arguments and access by address.
+    /// A buffer of at least 16 bytes for storage, uniform blocks, texel views, transfers, indirect arguments and access by address.
     pub fn new(device: &Arc<Device>, name: &str, size: u64, location: MemoryLocation) -> Result<Buffer> {
         let size = size.max(16);
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER
+            | vk::BufferUsageFlags::UNIFORM_BUFFER
+            | vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER
             | vk::BufferUsageFlags::TRANSFER_SRC
             | vk::BufferUsageFlags::TRANSFER_DST
             | vk::BufferUsageFlags::INDIRECT_BUFFER
@@ -74,5 +76,33 @@ impl Drop for Buffer {
         }
         // SAFETY: whoever owns the buffer has waited for the submissions that use it.
         unsafe { self.device.raw.destroy_buffer(self.raw, None) };
+    }
+}
+
+/// A buffer as an array of texels.
+pub struct TexelView {
+    device: Arc<Device>,
+    /// Handle.
+    pub raw: vk::BufferView,
+}
+
+impl TexelView {
+    /// All of `buffer` as texels of `format`, which take `size` bytes each.
+    pub fn new(device: &Arc<Device>, buffer: &Buffer, format: vk::Format, size: u64) -> Result<TexelView> {
+        let (texels, most) = (buffer.size / size, u64::from(device.report.max_texel_buffer_elements));
+        if texels > most {
+            return Err(Error::World(format!("the scene needs an array of {texels} texels, expected at most the {most} of {}", device.report.name)));
+        }
+        let info = vk::BufferViewCreateInfo::default().buffer(buffer.raw).format(format).range(vk::WHOLE_SIZE);
+        // SAFETY: the buffer was created on this device for texel views, and is bound.
+        let raw = unsafe { device.raw.create_buffer_view(&info, None) }.map_err(vulkan("vkCreateBufferView"))?;
+        Ok(TexelView { device: device.clone(), raw })
+    }
+}
+
+impl Drop for TexelView {
+    fn drop(&mut self) {
+        // SAFETY: whoever owns the view has waited for the submissions that use it.
+        unsafe { self.device.raw.destroy_buffer_view(self.raw, None) };
     }
 }

@@ -31,6 +31,8 @@ pub struct DeviceReport {
     pub timestamps: bool,
     /// Largest storage buffer range in bytes.
     pub max_storage_buffer_range: u32,
+    /// Most texels of a texel buffer.
+    pub max_texel_buffer_elements: u32,
     /// Memory of the device's own heaps in bytes.
     pub memory: u64,
     pub(super) handle: vk::PhysicalDevice,
@@ -84,7 +86,7 @@ fn describe(instance: &Instance, index: usize, handle: vk::PhysicalDevice, surfa
         instance.raw.get_physical_device_features2(handle, &mut features);
         let core = features.features;
         let of_1_3 = (v13.synchronization2 == vk::TRUE, v13.dynamic_rendering == vk::TRUE);
-        (properties, families, memory, v12.buffer_device_address, of_1_3, core)
+        (properties, families, memory, [v12.buffer_device_address, v12.uniform_buffer_standard_layout], of_1_3, core)
     };
     let serves = |family: usize, flags: vk::QueueFlags| match surface {
         None => flags.contains(vk::QueueFlags::COMPUTE),
@@ -95,8 +97,10 @@ fn describe(instance: &Instance, index: usize, handle: vk::PhysicalDevice, surfa
     if properties.api_version < vk::API_VERSION_1_2 {
         missing.push("Vulkan 1.2");
     }
-    if v12 == vk::FALSE {
-        missing.push("bufferDeviceAddress");
+    for (supported, feature) in v12.into_iter().zip(["bufferDeviceAddress", "uniformBufferStandardLayout"]) {
+        if supported == vk::FALSE {
+            missing.push(feature);
+        }
     }
     if surface.is_some() && !(synchronization2 && dynamic_rendering) {
         missing.push("dynamic rendering of Vulkan 1.3");
@@ -124,6 +128,7 @@ fn describe(instance: &Instance, index: usize, handle: vk::PhysicalDevice, surfa
         synchronization2,
         timestamps: family.is_some_and(|f| families[f].timestamp_valid_bits > 0) && properties.limits.timestamp_period > 0.0,
         max_storage_buffer_range: properties.limits.max_storage_buffer_range,
+        max_texel_buffer_elements: properties.limits.max_texel_buffer_elements,
         memory: memory.memory_heaps_as_slice().iter().filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL)).map(|h| h.size).sum(),
         handle,
         queue_family: family.unwrap_or(0) as u32,
@@ -194,7 +199,7 @@ impl Device {
         let priorities = [1.0];
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(report.queue_family).queue_priorities(&priorities)];
         let core = vk::PhysicalDeviceFeatures::default().shader_float64(report.float64);
-        let mut v12 = vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true);
+        let mut v12 = vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true).uniform_buffer_standard_layout(true);
         let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).dynamic_rendering(draws);
         let extensions = [khr::swapchain::NAME.as_ptr()];
         let mut info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&core).push_next(&mut v12);

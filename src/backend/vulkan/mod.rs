@@ -59,7 +59,8 @@ const WORK: usize = 20;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 struct Push {
-    scene: u64,
+    stop_high: [f32; 4],
+    stop_low: [f32; 4],
     sums: u64,
     aovs: u64,
     first_row: u32,
@@ -70,13 +71,22 @@ struct Push {
     parity: u32,
     stage: u32,
     capacity: u32,
-    tracing: u32,
     stop: u32,
-    stop_high: [f32; 4],
-    stop_low: [f32; 4],
+    /// Fills the last eight bytes.
+    unused: u32,
 }
 
-/// Pipelines of one model and precision.
+/// What a pipeline that advances rays is for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Purpose {
+    Rendering,
+    /// Rendering, and counting what that takes.
+    Counting,
+    /// Rays on their own, whose ends are wanted in full.
+    Tracing,
+}
+
+/// Pipelines of one model, method and precision.
 struct Kernels {
     generate: Pipeline,
     prepare: Pipeline,
@@ -184,12 +194,18 @@ impl VulkanBackend {
         Pipeline::specialized(&self.device, &self.layout, name, code, constants)
     }
 
-    fn kernels(&self, model: ModelKind, precision: Precision) -> Result<Kernels> {
+    /// The kernel that advances rays through a model by the method of `parameters`.
+    fn advance(&self, model: ModelKind, precision: Precision, parameters: &SceneParameters, purpose: Purpose) -> Result<Pipeline> {
+        let is = |p: Purpose| u32::from(purpose == p);
+        self.specialized_kernel(&advance_name(model, precision), &[is(Purpose::Counting), parameters.method, is(Purpose::Tracing)])
+    }
+
+    fn kernels(&self, model: ModelKind, precision: Precision, parameters: &SceneParameters) -> Result<Kernels> {
         let _span = tracing::info_span!("pipelines", model = model.stem()).entered();
         Ok(Kernels {
             generate: self.kernel("generate")?,
             prepare: self.kernel("prepare")?,
-            advance: self.kernel(&advance_name(model, precision))?,
+            advance: self.advance(model, precision, parameters, Purpose::Rendering)?,
             shade: self.kernel("shade")?,
             escape: self.kernel("escape")?,
             resolve: self.kernel("resolve")?,
@@ -200,7 +216,6 @@ impl VulkanBackend {
 
     fn push(&self, loaded: &Loaded) -> Push {
         Push {
-            scene: loaded.scene.address(),
             sums: loaded.film.sums.address(),
             aovs: loaded.film.aovs.address(),
             aov_sample: loaded.film.first_sample,
@@ -317,8 +332,8 @@ impl VulkanBackend {
     fn accumulate_in(&mut self, loaded: &mut Loaded, rows: Range<u32>, samples: Range<u32>) -> Result<()> {
         let _span = tracing::debug_span!("accumulate", ?rows, ?samples).entered();
         if self.commands.profiling() == Profiling::Counters && loaded.kernels.counting.is_none() {
-            let name = advance_name(loaded.world.model, loaded.precision);
-            loaded.kernels.counting = Some(self.specialized_kernel(&name, &[1])?);
+            let counting = self.advance(loaded.world.model, loaded.precision, &loaded.parameters, Purpose::Counting)?;
+            loaded.kernels.counting = Some(counting);
         }
         let width = loaded.parameters.film_width;
         let mut row = rows.start;
@@ -380,16 +395,17 @@ impl Backend for VulkanBackend {
         let (mut kernels, mut film) = (None, None);
         if let Some(old) = self.loaded.take() {
             // What fits the new world as well is kept: a viewer uploads one world after another.
-            if (old.world.model, old.precision) == (world.model, precision) {
+            if (old.world.model, old.world.scene.method, old.precision) == (world.model, world.scene.method, precision) {
                 kernels = Some(old.kernels);
             }
             film = Some(old.film);
         }
         let kernels = match kernels {
             Some(kernels) => kernels,
-            None => self.kernels(world.model, precision)?,
+            None => self.kernels(world.model, precision, &world.scene)?,
         };
         let scene = DeviceScene::new(&self.device, &mut self.commands, &world, precision)?;
+        scene.bind(&self.layout);
         let mut film = match film {
             Some(film) => film,
             None => DeviceFilm::new(&self.device)?,

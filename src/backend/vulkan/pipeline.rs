@@ -1,6 +1,6 @@
 //! Compute pipelines, the layout they share, and the cache of a device's pipelines on disk.
 
-use super::buffer::Buffer;
+use super::buffer::{Buffer, TexelView};
 use super::device::Device;
 use super::instance::vulkan;
 use crate::error::{Error, Result};
@@ -17,7 +17,10 @@ pub fn kernel_spirv(name: &str) -> Option<&'static [u8]> {
     spirv::SPIRV.iter().find(|(n, _)| *n == name).map(|(_, bytes)| *bytes)
 }
 
-/// One descriptor set of storage buffers and one block of push constants, for all kernels.
+/// Texel buffers of a scene.
+pub const TEXEL_VIEWS: u32 = 4;
+
+/// One descriptor set of storage buffers and the scene, and one block of push constants, for all kernels.
 pub struct Layout {
     device: Arc<Device>,
     /// Pipeline layout.
@@ -26,20 +29,27 @@ pub struct Layout {
     pool: vk::DescriptorPool,
     /// The one descriptor set.
     pub set: vk::DescriptorSet,
+    storage: u32,
 }
 
 impl Layout {
-    /// A layout of `bindings` storage buffers and `push_bytes` of push constants.
-    pub fn new(device: &Arc<Device>, bindings: u32, push_bytes: u32) -> Result<Layout> {
-        let storage = |binding| {
+    /// A layout of `storage` storage buffers, the scene's uniform block and texel buffers after them, and `push_bytes` of push constants.
+    pub fn new(device: &Arc<Device>, storage: u32, push_bytes: u32) -> Result<Layout> {
+        let binding = |(binding, ty)| {
             vk::DescriptorSetLayoutBinding::default()
                 .binding(binding)
-                .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                .descriptor_type(ty)
                 .descriptor_count(1)
                 .stage_flags(vk::ShaderStageFlags::COMPUTE)
         };
-        let bindings: Vec<_> = (0..bindings).map(storage).collect();
-        let sizes = [vk::DescriptorPoolSize { ty: vk::DescriptorType::STORAGE_BUFFER, descriptor_count: bindings.len() as u32 }];
+        let counts = [
+            (vk::DescriptorType::STORAGE_BUFFER, storage),
+            (vk::DescriptorType::UNIFORM_BUFFER, 1),
+            (vk::DescriptorType::UNIFORM_TEXEL_BUFFER, TEXEL_VIEWS),
+        ];
+        let types = counts.iter().flat_map(|&(ty, count)| std::iter::repeat_n(ty, count as usize));
+        let bindings: Vec<_> = (0..).zip(types).map(binding).collect();
+        let sizes = counts.map(|(ty, descriptor_count)| vk::DescriptorPoolSize { ty, descriptor_count });
         let push = [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(push_bytes)];
         // SAFETY: every handle is created on this device, from structures that live through the calls.
         unsafe {
@@ -61,26 +71,37 @@ impl Layout {
             device.set_name(pool, "descriptor pool");
             device.set_name(set, "buffers");
             device.set_name(raw, "pipeline layout");
-            Ok(Layout { device: device.clone(), raw, set_layout, pool, set })
+            Ok(Layout { device: device.clone(), raw, set_layout, pool, set, storage })
         }
     }
 
-    /// Puts `buffers` into the descriptor set, in the order of the bindings.
+    /// Puts storage buffers into the descriptor set, in the order of the bindings.
     pub fn bind(&self, buffers: &[&Buffer]) {
-        let infos: Vec<_> = buffers.iter().map(|b| [vk::DescriptorBufferInfo { buffer: b.raw, offset: 0, range: b.size }]).collect();
-        let writes: Vec<_> = infos
-            .iter()
-            .enumerate()
-            .map(|(i, info)| {
-                vk::WriteDescriptorSet::default()
-                    .dst_set(self.set)
-                    .dst_binding(i as u32)
-                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
-                    .buffer_info(info)
-            })
-            .collect();
-        // SAFETY: the set is not in use: submissions are waited for before buffers change.
-        unsafe { self.device.raw.update_descriptor_sets(&writes, &[]) };
+        (0..).zip(buffers).for_each(|(binding, buffer)| self.write(binding, vk::DescriptorType::STORAGE_BUFFER, buffer));
+    }
+
+    /// Puts the scene's uniform block and texel buffers into the descriptor set.
+    pub fn bind_scene<'a>(&self, block: &Buffer, views: impl Iterator<Item = &'a TexelView>) {
+        self.write(self.storage, vk::DescriptorType::UNIFORM_BUFFER, block);
+        for (binding, view) in (self.storage + 1..).zip(views) {
+            let views = [view.raw];
+            let write = self.entry(binding, vk::DescriptorType::UNIFORM_TEXEL_BUFFER).texel_buffer_view(&views);
+            self.update(write);
+        }
+    }
+
+    fn write(&self, binding: u32, ty: vk::DescriptorType, buffer: &Buffer) {
+        let info = [vk::DescriptorBufferInfo { buffer: buffer.raw, offset: 0, range: buffer.size }];
+        self.update(self.entry(binding, ty).buffer_info(&info));
+    }
+
+    fn entry(&self, binding: u32, ty: vk::DescriptorType) -> vk::WriteDescriptorSet<'_> {
+        vk::WriteDescriptorSet::default().dst_set(self.set).dst_binding(binding).descriptor_type(ty).descriptor_count(1)
+    }
+
+    fn update(&self, write: vk::WriteDescriptorSet) {
+        // SAFETY: the set is not in use: submissions are waited for before what it names changes.
+        unsafe { self.device.raw.update_descriptor_sets(&[write], &[]) };
     }
 }
 

@@ -1,24 +1,30 @@
 //! A world in device memory, reached from one block of addresses and parameters.
 
-use super::buffer::Buffer;
+use super::buffer::{Buffer, TexelView};
 use super::command::Commands;
 use super::device::Device;
+use super::pipeline::Layout;
 use crate::backend::Precision;
 use crate::error::Result;
-use crate::kernels::constants::{TABLE_COLUMNS, TABLE_ROWS};
+use crate::kernels::constants::{MAX_GLOBALS, TABLEAU_SIZE};
 use crate::kernels::layout::SceneParameters;
 use crate::simd::Real;
 use crate::world::World;
+use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 
 /// Bytes moved per transfer.
 const STAGING: u64 = 32 << 20;
 
-/// The arrays of a world and the block that `bindings.glsl` calls `Scene`.
+/// The arrays of a world and the block that `bindings.glsl` calls `SceneBlock`.
 pub struct DeviceScene {
-    /// Keeps what the block points to alive.
+    /// What traversal reads, and what keeps that alive.
+    traversed: Vec<(TexelView, Buffer)>,
+    /// What the block points to.
     arrays: Vec<Buffer>,
+    /// The end of the block: what is the same for all rays of a model.
+    model: Vec<u8>,
     block: Buffer,
     staging: Buffer,
 }
@@ -28,38 +34,45 @@ impl DeviceScene {
     pub fn new(device: &Arc<Device>, commands: &mut Commands, world: &World, precision: Precision) -> Result<DeviceScene> {
         let _span = tracing::info_span!("upload", bytes = world.bytes()).entered();
         let mut staging = Buffer::new(device, "staging", STAGING, MemoryLocation::CpuToGpu)?;
-        let model = match precision {
+        let (model, sources) = match precision {
             Precision::F32 => model_bytes::<f32>(world),
             Precision::F64 => model_bytes::<f64>(world),
         };
-        let clearance: Vec<u8> = world.clearance.iter().copied().chain([0; 3]).collect();
-        let contents: [(&str, &[u8]); 16] = [
-            ("nodes", bytemuck::cast_slice(&world.nodes)),
-            ("triangle blocks", bytemuck::cast_slice(&world.blocks)),
+        let words = (vk::Format::R32G32B32A32_UINT, 16);
+        let texels: [(&str, &[u8], (vk::Format, u64)); 4] = [
+            ("nodes", bytemuck::cast_slice(&world.nodes), words),
+            ("triangle blocks", bytemuck::cast_slice(&world.blocks), words),
+            ("primitives", bytemuck::cast_slice(&world.primitives), words),
+            ("clearance", &world.clearance, (vk::Format::R8_UINT, 1)),
+        ];
+        let contents: [(&str, &[u8]); 12] = [
             ("triangles", bytemuck::cast_slice(&world.triangles)),
             ("vertices", bytemuck::cast_slice(&world.vertices)),
-            ("primitives", bytemuck::cast_slice(&world.primitives)),
             ("objects", bytemuck::cast_slice(&world.objects)),
             ("materials", bytemuck::cast_slice(&world.materials)),
             ("textures", bytemuck::cast_slice(&world.textures)),
             ("texels", bytemuck::cast_slice(&world.texels)),
             ("lights", bytemuck::cast_slice(&world.lights)),
             ("environment distribution", bytemuck::cast_slice(&world.environment_cdf)),
-            ("clearance", &clearance[..clearance.len() & !3]),
             ("albedo", bytemuck::cast_slice(&world.albedo)),
             ("black bodies", bytemuck::cast_slice(&world.black_bodies)),
             ("disc profiles", bytemuck::cast_slice(&world.profiles)),
-            ("model", &model),
+            ("model", &sources),
         ];
-        let mut arrays = Vec::new();
-        for (name, bytes) in contents {
+        let mut array = |name: &str, bytes: &[u8]| {
             let buffer = Buffer::new(device, name, bytes.len() as u64, MemoryLocation::GpuOnly)?;
             upload(commands, &mut staging, &buffer, bytes)?;
-            arrays.push(buffer);
+            Ok(buffer)
+        };
+        let arrays = contents.iter().map(|(name, bytes)| array(name, bytes)).collect::<Result<Vec<_>>>()?;
+        let mut traversed = Vec::new();
+        for (name, bytes, (format, size)) in texels {
+            let buffer = array(name, bytes)?;
+            traversed.push((TexelView::new(device, &buffer, format, size)?, buffer));
         }
-        let size = 8 * arrays.len() + size_of::<SceneParameters>();
+        let size = (8 * arrays.len() + size_of::<SceneParameters>()).next_multiple_of(16) + model.len();
         let block = Buffer::new(device, "scene", size as u64, MemoryLocation::GpuOnly)?;
-        let mut scene = DeviceScene { arrays, block, staging };
+        let mut scene = DeviceScene { traversed, arrays, model, block, staging };
         scene.set_parameters(commands, &world.scene)?;
         Ok(scene)
     }
@@ -68,32 +81,32 @@ impl DeviceScene {
     pub fn set_parameters(&mut self, commands: &mut Commands, parameters: &SceneParameters) -> Result<()> {
         let mut bytes: Vec<u8> = self.arrays.iter().flat_map(|b| b.address().to_le_bytes()).collect();
         bytes.extend_from_slice(bytemuck::bytes_of(parameters));
+        // A structure ends at a multiple of the alignment of its vectors.
+        bytes.resize(bytes.len().next_multiple_of(16), 0);
+        bytes.extend_from_slice(&self.model);
         upload(commands, &mut self.staging, &self.block, &bytes)
     }
 
-    /// Address of the block.
-    pub fn address(&self) -> u64 {
-        self.block.address()
+    /// Lets kernels read it.
+    pub fn bind(&self, layout: &Layout) {
+        layout.bind_scene(&self.block, self.traversed.iter().map(|(view, _)| view));
     }
 }
 
-/// Where parts begin, then origin, step, throat, rim, tableau, parameters and sources in the precision of the integrator.
-fn model_bytes<T: Real>(world: &World) -> Vec<u8> {
+/// The model in the precision of the integrator. For the block: counts and where the table begins, then origin, step, throat, rim,
+/// tableau and parameters. For an array of its own: the sources, then the table.
+fn model_bytes<T: Real>(world: &World) -> (Vec<u8>, Vec<u8>) {
     let block = world.model_block::<T>();
     let stride = world.model.source_stride();
     let count = block.sources.len().checked_div(stride).unwrap_or(0);
+    let head = [count, stride, block.sources.len(), 0].map(|v| v as u32);
     let mut values: Vec<T> = block.origin.iter().chain([&block.step, &block.throat, &block.rim]).chain(&block.tableau).copied().collect();
-    let global_start = values.len();
+    assert!(block.global.len() <= MAX_GLOBALS as usize, "MAX_GLOBALS holds the parameters of every model");
     values.extend(&block.global);
-    let source_start = values.len();
-    values.extend(&block.sources);
-    let table_start = values.len();
-    values.extend(&block.table);
-    let (rows, columns) = (TABLE_ROWS as usize, TABLE_COLUMNS as usize);
-    let header = [count, stride, source_start, global_start, table_start, rows, columns, values.len()].map(|v| v as u32);
-    let mut bytes = bytemuck::cast_slice(&header).to_vec();
-    bytes.extend_from_slice(bytemuck::cast_slice(&values));
-    bytes
+    values.resize((6 + TABLEAU_SIZE + MAX_GLOBALS) as usize, T::default());
+    let fixed = [bytemuck::cast_slice(&head), bytemuck::cast_slice(&values)].concat();
+    let arrays = [block.sources, block.table].concat();
+    (fixed, bytemuck::cast_slice(&arrays).to_vec())
 }
 
 /// Copies bytes to the start of a buffer, a piece at a time.

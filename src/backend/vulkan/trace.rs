@@ -2,7 +2,7 @@
 
 use super::buffer::Buffer;
 use super::scene::{download, upload_at};
-use super::{Loaded, Push, VulkanBackend, advance_name};
+use super::{Loaded, Purpose, Push, VulkanBackend};
 use crate::backend::{Precision, Prepared, RawLanding, Stop, TraceOptions, TraceRay, TraceResult, Tracer};
 use crate::error::Result;
 use crate::kernels::constants::*;
@@ -11,7 +11,7 @@ use crate::world::Reach;
 use gpu_allocator::MemoryLocation;
 
 /// Steps word of a traced ray that has not started (`bindings.glsl`).
-const FRESH_TRACED: u32 = 0xffff_fffe;
+const FRESH: u32 = 0xffff_ffff;
 /// Words of a path that hold the end of a traced ray (`bindings.glsl`, `flight.glsl`).
 const RESULT_WORDS: [u64; 13] = [2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 15];
 
@@ -23,9 +23,8 @@ impl VulkanBackend {
         let parameters = world.trace_parameters(&origins, reach, options);
         loaded.scene.set_parameters(&mut self.commands, &parameters)?;
         let model = world.traced_model(options.stop);
-        if model != world.model {
-            loaded.kernels.advance = self.kernel(&advance_name(model, loaded.precision))?;
-        }
+        let advance = self.advance(model, loaded.precision, &parameters, Purpose::Tracing)?;
+        let usual = std::mem::replace(&mut loaded.kernels.advance, advance);
         let tracer = Tracer::new(&world);
         let mut results = Vec::with_capacity(rays.len());
         for chunk in rays.chunks(self.capacity as usize) {
@@ -38,7 +37,7 @@ impl VulkanBackend {
             }
             let order: Vec<u32> = (0..count).collect();
             upload_at(&mut self.commands, &mut staging, &self.queues, 0, bytemuck::cast_slice(&order))?;
-            self.fly(loaded, stop_push(options.stop, Push { slot_count: count, tracing: 1, ..self.push(loaded) }))?;
+            self.fly(loaded, stop_push(options.stop, Push { slot_count: count, ..self.push(loaded) }))?;
             let mut words = Vec::new();
             for word in RESULT_WORDS {
                 let offset = word * u64::from(self.capacity) * 16;
@@ -47,9 +46,7 @@ impl VulkanBackend {
             }
             results.extend(prepared.iter().enumerate().map(|(i, p)| tracer.result(p, &landing(&words, i, loaded.precision, model))));
         }
-        if model != world.model {
-            loaded.kernels.advance = self.kernel(&advance_name(world.model, loaded.precision))?;
-        }
+        loaded.kernels.advance = usual;
         loaded.scene.set_parameters(&mut self.commands, &loaded.parameters)?;
         Ok(results)
     }
@@ -101,7 +98,7 @@ fn launch_words(rays: &[Prepared], precision: Precision) -> Vec<(u64, Vec<[u32; 
     let mut words = vec![
         (0, rays.iter().map(|r| single(r.origin, 1.0)).collect()),
         (1, rays.iter().map(|r| single(r.direction, 0.0)).collect()),
-        (12, rays.iter().map(|r| [(r.sense as f32).to_bits(), r.side, FRESH_TRACED, 0]).collect()),
+        (12, rays.iter().map(|r| [(r.sense as f32).to_bits(), r.side, FRESH, 0]).collect()),
         (16, rays.iter().map(|r| [1f32.to_bits(), r.side, 0, 0]).collect()),
     ];
     match precision {
