@@ -431,10 +431,10 @@ fn operations_per_step<M: Model>(world: &World) -> u64 {
     let flight = rate_at::<M, Counted>((), &model, &charge, x, p, Counted(0.0));
     let h = Counted(0.1);
     OPERATIONS.set(0);
-    let (_, error) = if scene.method == METHOD_NYSTROM {
-        nystrom_step::<M, Counted>((), &model, &charge, &flight, h)
+    let error = if scene.method == METHOD_NYSTROM {
+        nystrom_step::<M, Counted>((), &model, &charge, &flight, h).1
     } else {
-        runge_kutta_step::<M, Counted>((), &model, &charge, &flight, Counted(0.0), h)
+        runge_kutta_step::<M, Counted>((), &model, &charge, &flight, Counted(0.0), h).1
     };
     let operations = OPERATIONS.get();
     assert!(error.0.is_finite(), "the step leads nowhere");

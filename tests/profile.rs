@@ -339,7 +339,7 @@ fn backends_count_the_same() {
 fn untimed_dispatches_are_named() {
     let backend = vulkan();
     let device = backend.device();
-    let layout = Layout::new(device, 3, 96).unwrap();
+    let layout = Layout::new(device, 3, 88).unwrap();
     let pipeline = Pipeline::new(device, &layout, "prepare", kernel_spirv("prepare").unwrap()).unwrap();
     let buffers = ["paths", "counters", "queues"].map(|name| Buffer::new(device, name, 1024, MemoryLocation::GpuOnly).unwrap());
     layout.bind(&buffers.each_ref());
@@ -350,7 +350,7 @@ fn untimed_dispatches_are_named() {
     commands.barrier();
     for round in 0..600 {
         commands.begin_round(round);
-        commands.dispatch(&layout, &pipeline, &[0; 96], 1);
+        commands.dispatch(&layout, &pipeline, &[0; 88], 1);
         commands.barrier();
         commands.end_round();
     }

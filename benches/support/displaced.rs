@@ -5,8 +5,8 @@
 
 use fearless_simd::{Level, Simd, dispatch};
 use glam::{Vec3, vec2, vec3};
-use nullray::kernels::bvh::{EMPTY_STACK, Hit, closest_hit, straight};
-use nullray::kernels::constants::{FAR, NO_INDEX};
+use nullray::kernels::bvh::{EMPTY_STACK, Hit, closest_hit, slabs, straight};
+use nullray::kernels::constants::NO_INDEX;
 use nullray::kernels::rng::{hash, unit_float};
 use nullray::kernels::sampling::{sample_cosine, world_from_frame};
 use nullray::kernels::view::SceneView;
@@ -193,6 +193,7 @@ pub fn closest_hits(level: Level, view: &SceneView, rays: &[Ray], hits: &mut [Hi
 fn trace_all<S: Simd>(simd: S, view: &SceneView, rays: &[Ray], hits: &mut [Hit]) {
     let mut stack = EMPTY_STACK;
     for (ray, hit) in rays.iter().zip(hits) {
-        closest_hit(simd, view, &straight(ray.origin, ray.direction), 0, &mut stack, hit);
+        let ray = straight(ray.origin, ray.direction);
+        closest_hit(simd, view, &ray, &slabs((), &ray), 0, &mut stack, hit);
     }
 }

@@ -64,7 +64,8 @@ pub fn straight(origin: Vec3, direction: Vec3) -> Curve<f32> {
 #[inline(always)]
 pub fn hermite<L: Lane>(token: L::Token, start: [L; 3], end: [L; 3], tangent0: [L; 3], tangent1: [L; 3]) -> Curve<L> {
     let (two, three) = (L::constant(token, 2.0), L::constant(token, 3.0));
-    let mut curve = Curve { start, c1: tangent0, c2: start, c3: start, chords: L::constant(token, 1.0), inflation: L::constant(token, 0.0) };
+    let mut curve =
+        Curve { start, c1: tangent0, c2: start, c3: start, chords: L::constant(token, 1.0), inflation: L::constant(token, 0.0) };
     for i in 0..3 {
         let chord = end[i] - start[i];
         curve.c2[i] = chord * three - tangent0[i] * two - tangent1[i];
@@ -237,6 +238,10 @@ pub struct TraversalStack {
     pub work: Work,
 }
 
+/// Entries are counted modulo the size, which is a power of two: an index that cannot be out of range needs no check.
+const TOP: usize = STACK_SIZE as usize - 1;
+const _: () = assert!(STACK_SIZE.is_power_of_two());
+
 /// An empty stack; its first entry is the sentinel that ends a traversal.
 pub const EMPTY_STACK: TraversalStack =
     TraversalStack { waiting: [(NO_INDEX, 0.0, 0.0); STACK_SIZE as usize], work: Work::from_counts([0; 6]) };
@@ -281,11 +286,12 @@ pub fn closest_hit<S: Simd>(
                         std::mem::swap(&mut entry, &mut nearest);
                     }
                     let mut at = top;
-                    while at > bottom && stack[at - 1].1 < entry.1 {
-                        stack[at] = stack[at - 1];
+                    while at > bottom && stack[(at - 1) & TOP].1 < entry.1 {
+                        stack[at & TOP] = stack[(at - 1) & TOP];
                         at -= 1;
                     }
-                    stack[at] = entry;
+                    stack[at & TOP] = entry;
+                    view.prefetch(entry.0);
                     top += 1;
                 }
                 (child, enter, exit) = nearest;
@@ -302,7 +308,7 @@ pub fn closest_hit<S: Simd>(
         // Take the nearest waiting child that still may hold a closer hit.
         loop {
             top -= 1;
-            (child, enter, exit) = stack[top];
+            (child, enter, exit) = stack[top & TOP];
             if child == NO_INDEX {
                 return;
             }

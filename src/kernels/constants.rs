@@ -46,7 +46,7 @@ constants! {
         BLOCK_WORDS = 20;
         PRIMITIVE_WORDS = 4;
         /// Entries of the traversal stack; the builder proves that no tree needs more.
-        STACK_SIZE = 96;
+        STACK_SIZE = 128;
         /// Hit on an analytic primitive rather than a triangle.
         HIT_PRIMITIVE = 0x8000_0000;
 

@@ -9,7 +9,7 @@ use std::mem::offset_of;
 /// A node of the eight-wide BVH: bounds of its children, and what they are (`CHILD_*`, or a node index).
 ///
 /// An unused child has `NO_INDEX` and inverted bounds, which no ray meets.
-#[repr(C)]
+#[repr(C, align(32))]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct BvhNode {
     /// min x, max x, min y, max y, min z, max z of the eight children.
@@ -19,7 +19,7 @@ pub struct BvhNode {
 }
 
 /// Up to eight triangles, tested together. An unused lane repeats a used one and has `NO_INDEX`.
-#[repr(C)]
+#[repr(C, align(32))]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct TriangleBlock {
     /// First vertex.

@@ -376,7 +376,7 @@ impl Default for IntegratorTable {
     fn default() -> Self {
         IntegratorTable {
             method: unspanned(Method::Auto),
-            tolerance: Positive(1.0),
+            tolerance: Positive(0.5),
             chord_tolerance: Positive(0.1),
             step: Positive(0.1),
             max_steps: Whole(2000),

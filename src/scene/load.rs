@@ -198,6 +198,7 @@ impl Loader<'_> {
         };
         Ok(Integrator {
             method,
+            auto: *table.method.get_ref() == Method::Auto,
             tolerance: table.tolerance.0,
             chord_tolerance: table.chord_tolerance.0,
             step: table.step.0,

@@ -89,6 +89,8 @@ pub struct FilmSettings {
 pub struct Integrator {
     /// Method, resolved from `auto`.
     pub method: Method,
+    /// Whether it was `auto`.
+    pub auto: bool,
     /// Error allowed per step (pixels).
     pub tolerance: f64,
     /// Error allowed per chord (pixels).

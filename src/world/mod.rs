@@ -62,6 +62,8 @@ pub struct World {
     pub profiles: Vec<[f32; 2]>,
     /// Which model bends the light.
     pub model: ModelKind,
+    /// Whether the method of integration was left to the program.
+    pub auto_method: bool,
     /// Its parameters.
     pub parameters: ModelBlock<f64>,
     /// The model as the scene states it.
@@ -97,6 +99,7 @@ impl World {
             black_bodies: BLACK_BODIES.clone(),
             profiles: vec![],
             model: scene.spacetime.model,
+            auto_method: scene.integrator.auto,
             parameters: ModelBlock {
                 step: scene.integrator.step,
                 tableau: method::tableau(scene.integrator.method),

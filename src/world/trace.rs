@@ -6,6 +6,9 @@ use crate::kernels::layout::SceneParameters;
 use crate::spacetime::ModelKind;
 use glam::Vec3;
 
+/// Below this tolerance (scene units) a method of order five takes a ray through a medium in fewer steps than the usual one of order four.
+const FINE_TOLERANCE: f64 = 1e-7;
+
 /// What ends a traced ray, other than a hit, capture or escape.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Stop {
@@ -59,6 +62,11 @@ impl World {
                 Stop::Length(_) | Stop::Parameter(_) => 1e12,
                 _ => region.radius.max(10.0 * size),
             };
+        }
+        // The kinks of layers are no place for a higher order.
+        let smooth = self.model != ModelKind::Layered;
+        if self.auto_method && smooth && scene.method == METHOD_NYSTROM && options.tolerance < FINE_TOLERANCE {
+            scene.method = METHOD_RUNGE_KUTTA;
         }
         scene.max_steps = options.max_steps.unwrap_or(scene.max_steps);
         scene.tolerance = options.tolerance as f32;

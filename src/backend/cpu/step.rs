@@ -101,6 +101,7 @@ pub struct Course<'a, T> {
 pub type Row<T> = [T; MAX_LANES];
 
 /// State of the rays in flight, and where the step in hand leads.
+#[repr(align(64))]
 pub struct Lanes<T> {
     /// Positions.
     pub x: [Row<T>; 3],
@@ -143,6 +144,7 @@ pub struct Lanes<T> {
 }
 
 /// State at the end of a step.
+#[repr(align(64))]
 pub struct Next<T> {
     /// Positions.
     pub x: [Row<T>; 3],
@@ -173,6 +175,7 @@ pub struct Next<T> {
 }
 
 /// Pieces of steps as [`Curve`]s, and their chords as [`Slabs`].
+#[repr(align(64))]
 pub struct Pieces<T> {
     start: [Row<T>; 3],
     c1: [Row<T>; 3],
@@ -209,8 +212,8 @@ impl<T: Scalar> Pieces<T> {
     /// The piece of lane `i`.
     #[inline(always)]
     pub fn of_lane(&self, i: usize) -> (Curve<f32>, Slabs<f32>) {
-        let [start, c1, c2, c3, inverse, near, far] =
-            [&self.start, &self.c1, &self.c2, &self.c3, &self.inverse, &self.near, &self.far].map(
+        let [start, c1, c2, c3, inverse, near, far] = [&self.start, &self.c1, &self.c2, &self.c3, &self.inverse, &self.near, &self.far]
+            .map(
                 #[inline(always)]
                 |rows| [rows[0][i].to_f32(), rows[1][i].to_f32(), rows[2][i].to_f32()],
             );
@@ -297,6 +300,9 @@ impl<T: Scalar> Lanes<T> {
     pub fn commit<L: Lane<Real = T>>(&mut self, token: L::Token, accepted: u32) {
         let moves = L::mask(token, accepted);
         let next = &self.next;
+        // A row chosen from itself and another becomes a masked store, which takes some processors twenty times as long as a whole one;
+        // so the compiler does not get to see that it is itself.
+        let hidden = |row: &Row<T>| std::hint::black_box(L::load(token, row));
         for axis in 0..3 {
             for (row, moved) in [
                 (&mut self.x[axis], &next.x[axis]),
@@ -304,12 +310,12 @@ impl<T: Scalar> Lanes<T> {
                 (&mut self.v[axis], &next.v[axis]),
                 (&mut self.a[axis], &next.a[axis]),
             ] {
-                L::select(moves, L::load(token, moved), L::load(token, row)).store(row);
+                L::select(moves, L::load(token, moved), hidden(row)).store(row);
             }
         }
-        L::select(moves, L::load(token, &next.detail), L::load(token, &self.detail)).store(&mut self.detail);
+        L::select(moves, L::load(token, &next.detail), hidden(&self.detail)).store(&mut self.detail);
         for (row, gain) in [(&mut self.parameter, &self.h), (&mut self.length, &next.travelled)] {
-            let before = L::load(token, row);
+            let before = hidden(row);
             L::select(moves, before + L::load(token, gain), before).store(row);
         }
         self.h = next.h;

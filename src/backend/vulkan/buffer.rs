@@ -91,7 +91,10 @@ impl TexelView {
     pub fn new(device: &Arc<Device>, buffer: &Buffer, format: vk::Format, size: u64) -> Result<TexelView> {
         let (texels, most) = (buffer.size / size, u64::from(device.report.max_texel_buffer_elements));
         if texels > most {
-            return Err(Error::World(format!("the scene needs an array of {texels} texels, expected at most the {most} of {}", device.report.name)));
+            return Err(Error::World(format!(
+                "the scene needs an array of {texels} texels, expected at most the {most} of {}",
+                device.report.name
+            )));
         }
         let info = vk::BufferViewCreateInfo::default().buffer(buffer.raw).format(format).range(vk::WHOLE_SIZE);
         // SAFETY: the buffer was created on this device for texel views, and is bound.

@@ -100,7 +100,10 @@ impl Commands {
     /// Makes all that was written visible to all that follows.
     pub fn barrier(&self) {
         let stages = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER | vk::PipelineStageFlags::DRAW_INDIRECT;
-        let reads = vk::AccessFlags::SHADER_READ | vk::AccessFlags::UNIFORM_READ | vk::AccessFlags::TRANSFER_READ | vk::AccessFlags::INDIRECT_COMMAND_READ;
+        let reads = vk::AccessFlags::SHADER_READ
+            | vk::AccessFlags::UNIFORM_READ
+            | vk::AccessFlags::TRANSFER_READ
+            | vk::AccessFlags::INDIRECT_COMMAND_READ;
         self.barrier_before(stages, reads | WRITES);
     }
 

@@ -97,6 +97,20 @@ struct Kernels {
     develop: Pipeline,
     /// `advance` that counts what it does, once that was asked for.
     counting: Option<Pipeline>,
+    /// `advance` for the rays that were traced last: through which model, by which method.
+    tracing: Option<(ModelKind, u32, Pipeline)>,
+}
+
+impl Kernels {
+    /// The pipeline that advances rays; those that are not always needed must have been built before.
+    fn advance_for(&self, purpose: Purpose) -> Result<&Pipeline> {
+        let pipeline = match purpose {
+            Purpose::Rendering => Some(&self.advance),
+            Purpose::Counting => self.counting.as_ref(),
+            Purpose::Tracing => self.tracing.as_ref().map(|(.., pipeline)| pipeline),
+        };
+        pipeline.ok_or(Error::Vulkan { call: "advance_for", result: "the kernel was not built".into() })
+    }
 }
 
 /// A world on the device and its film.
@@ -211,6 +225,7 @@ impl VulkanBackend {
             resolve: self.kernel("resolve")?,
             develop: self.kernel("develop")?,
             counting: None,
+            tracing: None,
         })
     }
 
@@ -229,6 +244,8 @@ impl VulkanBackend {
         let groups = push.slot_count.div_ceil(WORKGROUP_SIZE);
         let pixels = push.row_count * loaded.parameters.film_width;
         let mut rounds = loaded.parameters.max_depth + 1;
+        let counts = self.commands.profiling() == Profiling::Counters;
+        let purpose = if counts { Purpose::Counting } else { Purpose::Rendering };
         let mut first = true;
         let mut started = 0;
         loop {
@@ -244,7 +261,7 @@ impl VulkanBackend {
             let recorded = started..started + rounds.clamp(1, MAX_ROUNDS);
             for round in recorded.clone() {
                 push.parity = round % 2;
-                self.record_round(&loaded.kernels, push, round, true);
+                self.record_round(&loaded.kernels, purpose, push, round)?;
             }
             started = recorded.end;
             // Does nothing while paths are left.
@@ -261,24 +278,23 @@ impl VulkanBackend {
     }
 
     /// Records one round: flight, then shading of what it met.
-    fn record_round(&mut self, kernels: &Kernels, mut push: Push, round: u32, shading: bool) {
+    fn record_round(&mut self, kernels: &Kernels, purpose: Purpose, mut push: Push, round: u32) -> Result<()> {
         let indirect = |word: u64| word * 4;
         let (layout, counters) = (&self.layout, &self.counters);
-        let counting = kernels.counting.as_ref().filter(|_| shading && self.commands.profiling() == Profiling::Counters);
         self.commands.begin_round(round);
-        self.commands.dispatch_indirect(layout, counting.unwrap_or(&kernels.advance), bytemuck::bytes_of(&push), counters, indirect(0));
+        self.commands.dispatch_indirect(layout, kernels.advance_for(purpose)?, bytemuck::bytes_of(&push), counters, indirect(0));
         self.commands.barrier();
         push.stage = 1;
         self.commands.dispatch(layout, &kernels.prepare, bytemuck::bytes_of(&push), 1);
         self.commands.barrier();
-        if counting.is_some() {
+        if purpose == Purpose::Counting {
             // Put the counters aside and let those of the work begin anew.
             self.commands.copy(counters, 0, &self.readback, counters_of(round), COUNTERS * 4);
             self.commands.barrier();
             self.commands.clear_range(counters, WORK as u64 * 4, (COUNTERS - WORK as u64) * 4);
             self.commands.barrier();
         }
-        if shading {
+        if purpose != Purpose::Tracing {
             self.commands.dispatch_indirect(layout, &kernels.shade, bytemuck::bytes_of(&push), counters, indirect(4));
             self.commands.barrier();
             self.commands.dispatch_indirect(layout, &kernels.escape, bytemuck::bytes_of(&push), counters, indirect(8));
@@ -288,6 +304,7 @@ impl VulkanBackend {
         self.commands.dispatch(layout, &kernels.prepare, bytemuck::bytes_of(&push), 1);
         self.commands.barrier();
         self.commands.end_round();
+        Ok(())
     }
 
     /// Submits, waits, and reads the counters.

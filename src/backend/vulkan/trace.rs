@@ -23,8 +23,10 @@ impl VulkanBackend {
         let parameters = world.trace_parameters(&origins, reach, options);
         loaded.scene.set_parameters(&mut self.commands, &parameters)?;
         let model = world.traced_model(options.stop);
-        let advance = self.advance(model, loaded.precision, &parameters, Purpose::Tracing)?;
-        let usual = std::mem::replace(&mut loaded.kernels.advance, advance);
+        if !loaded.kernels.tracing.as_ref().is_some_and(|(m, method, _)| (*m, *method) == (model, parameters.method)) {
+            let pipeline = self.advance(model, loaded.precision, &parameters, Purpose::Tracing)?;
+            loaded.kernels.tracing = Some((model, parameters.method, pipeline));
+        }
         let tracer = Tracer::new(&world);
         let mut results = Vec::with_capacity(rays.len());
         for chunk in rays.chunks(self.capacity as usize) {
@@ -46,7 +48,6 @@ impl VulkanBackend {
             }
             results.extend(prepared.iter().enumerate().map(|(i, p)| tracer.result(p, &landing(&words, i, loaded.precision, model))));
         }
-        loaded.kernels.advance = usual;
         loaded.scene.set_parameters(&mut self.commands, &loaded.parameters)?;
         Ok(results)
     }
@@ -64,7 +65,7 @@ impl VulkanBackend {
             }
             for _ in 0..8 {
                 push.parity = started % 2;
-                self.record_round(&loaded.kernels, push, started, false);
+                self.record_round(&loaded.kernels, Purpose::Tracing, push, started)?;
                 started += 1;
             }
             if self.finish_submission()?.remaining == 0 {

@@ -245,7 +245,7 @@ pub fn integrator(document: &Document) -> Vec<Parameter> {
         list.push(Parameter::number("integrator.step", "Step", hint, 0.1, 1e-4 * size..=0.2 * size).logarithmic());
     } else {
         let hint = "Error allowed per step, in pixels";
-        list.push(Parameter::number("integrator.tolerance", "Tolerance", hint, 1.0, 1e-3..=30.0).logarithmic());
+        list.push(Parameter::number("integrator.tolerance", "Tolerance", hint, 0.5, 1e-3..=30.0).logarithmic());
     }
     let hint = "Distance allowed between the curve and the chords that meet the scene, in pixels";
     list.push(Parameter::number("integrator.chord_tolerance", "Chord tolerance", hint, 0.1, 1e-3..=30.0).logarithmic());
