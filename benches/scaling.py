@@ -125,6 +125,9 @@ def draw(points, rows, path):
     ends = [min(r[3] for r in rows), max(r[3] for r in rows)]
     right.plot(ends, ends, "k:", label="proportional")
     right.set(xscale="log", yscale="log", xlabel="pixels x samples / threads", ylabel="time", title="with pixels, samples and threads")
+    for axis in (right.xaxis, right.yaxis):
+        axis.set_ticks([0.25, 0.5, 1, 2, 4], ["1/4", "1/2", "1", "2", "4"])
+        axis.set_ticks([], minor=True)
     right.legend()
     figure.tight_layout()
     figure.savefig(path, metadata={"Date": None})

@@ -156,10 +156,10 @@ pub fn slabs<L: Lane>(token: L::Token, curve: &Curve<L>) -> Slabs<L> {
     let smallest = L::constant(token, f64::from(MIN_DIRECTION));
     let rounding = L::constant(token, f64::from(4.0 * f32::EPSILON));
     let mut slabs = Slabs { inverse: chord, near: chord, far: chord };
-    for i in 0..3 {
-        let size = L::constant(token, 1.0) / chord[i].max(-chord[i]).max(smallest);
+    for (i, c) in chord.into_iter().enumerate() {
+        let size = L::constant(token, 1.0) / c.max(-c).max(smallest);
         let origin = curve.start[i];
-        slabs.inverse[i] = L::select(chord[i].lt(L::constant(token, 0.0)), -size, size);
+        slabs.inverse[i] = L::select(c.lt(L::constant(token, 0.0)), -size, size);
         let middle = -(origin * slabs.inverse[i]);
         let slack = (origin.max(-origin) + curve.inflation).mul_add(rounding, curve.inflation) * size;
         slabs.near[i] = middle - slack;

@@ -29,10 +29,10 @@ pub fn clearance_at<L: Lane>(token: L::Token, view: &SceneView, cell: [L; 3]) ->
 #[inline(always)]
 pub fn bounds_distance<L: Lane>(token: L::Token, view: &SceneView, cell: [L; 3]) -> L {
     let mut distance = L::constant(token, 0.0);
-    for i in 0..3 {
+    for (i, c) in cell.into_iter().enumerate() {
         let low = L::constant(token, f64::from(view.scene.bounds_low[i]));
         let high = L::constant(token, f64::from(view.scene.bounds_high[i]));
-        distance = distance.max(low - cell[i]).max(cell[i] - high);
+        distance = distance.max(low - c).max(c - high);
     }
     distance
 }
