@@ -279,17 +279,24 @@ fn trace_agrees(report: &Value, trace: &Value) {
     assert!((waited - claimed).abs() <= 1e-3 * claimed, "{waited} {claimed}");
 }
 
-/// A tolerance a hundred times tighter costs steps, and the kernel that takes them a larger part of the time.
+/// A tolerance a hundred thousand times tighter costs steps, and the kernel that takes them a larger part of the time: the median of
+/// five profiles, because the machine may be doing something else meanwhile.
 fn shows_a_heavier_kernel(backend: &mut dyn Backend) {
     let mut of_tolerance = |tolerance: &str| {
-        let profile = measure(backend, built_in((96, 54), &[tolerance]));
-        let kernels = profile.kernels();
-        let total: u64 = kernels.iter().map(|k| k.spread.total).sum();
-        let advance = kernels.iter().find(|k| k.kernel.starts_with("advance")).unwrap();
-        (profile.counts().work.steps as f64, advance.spread.total as f64 / total as f64)
+        let mut measured: Vec<(f64, f64)> = (0..5)
+            .map(|_| {
+                let profile = measure(backend, built_in((96, 54), &[tolerance]));
+                let kernels = profile.kernels();
+                let total: u64 = kernels.iter().map(|k| k.spread.total).sum();
+                let advance = kernels.iter().find(|k| k.kernel.starts_with("advance")).unwrap();
+                (profile.counts().work.steps as f64, advance.spread.total as f64 / total as f64)
+            })
+            .collect();
+        measured.sort_by(|a, b| a.1.total_cmp(&b.1));
+        measured[2]
     };
     let (steps, share) = of_tolerance("integrator.tolerance=3");
-    let (more_steps, larger_share) = of_tolerance("integrator.tolerance=0.0003");
+    let (more_steps, larger_share) = of_tolerance("integrator.tolerance=0.00003");
     println!("steps {steps} and {more_steps}, shares {share:.3} and {larger_share:.3}");
     assert!(more_steps > 2.0 * steps, "{steps} {more_steps}");
     assert!(larger_share > share, "{share} {larger_share}");
