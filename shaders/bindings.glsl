@@ -77,7 +77,7 @@ layout(set = 0, binding = 3, std430) uniform SceneBlock {
     uint source_stride;
     uint table_start;
     uint unused;
-    // Origin, throat, rim, step, Runge-Kutta tableau, global parameters of the model.
+    // Origin, step, throat, rim, Runge-Kutta tableau, global parameters of the model.
     real model_values[6 + TABLEAU_SIZE + MAX_GLOBALS];
 } scene;
 
