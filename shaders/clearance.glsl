@@ -1,27 +1,34 @@
 // The clearance grid; documented in src/kernels/clearance.rs.
 
-float bounds_distance(vec3 cell) {
-    vec3 distance = max(SCENE.bounds_low - cell, cell - SCENE.bounds_high);
+float bounds_distance(vec3 position) {
+    vec3 distance = max(SCENE.bounds_low - position, position - SCENE.bounds_high);
     return max(max(distance.x, distance.y), max(distance.z, 0.0));
 }
 
-float clearance_at(vec3 cell) {
+float clearance_at(vec3 position) {
+    vec3 shares = max(position * SCENE.grid_reach_high, -position * SCENE.grid_reach_low);
+    float share = max(max(shares.x, shares.y), shares.z);
+    if (!(share < 1.0)) {
+        return bounds_distance(position);
+    }
     uvec3 size = SCENE.grid_size;
-    float low = min(min(cell.x, cell.y), cell.z);
-    float high = max(max(cell.x, cell.y), cell.z);
-    if (low < 0.0 || high > 65536.0) {
-        return bounds_distance(cell);
+    uint cells = size.x * size.y * size.z;
+    uint first = 0;
+    float scale = 1.0, unit = 0.25;
+    for (uint level = 1; level < GRID_LEVELS; ++level) {
+        bool held = share * float(1u << level) < 1.0;
+        first = held ? level * cells : first;
+        scale = held ? float(1u << level) : scale;
+        unit = held ? unit * 0.5 : unit;
     }
-    uvec3 at = uvec3(cell);
-    if (any(greaterThanEqual(at, size))) {
-        return bounds_distance(cell);
-    }
-    return clearance((at.z * size.y + at.y) * size.x + at.x) * 0.25;
+    // Clamped as whole numbers, so that no rounding leads out of the grid.
+    uvec3 at = min(uvec3(max(position * scale + SCENE.grid_focus_cell, vec3(0.0))), size - 1u);
+    return clearance((at.z * size.y + at.y) * size.x + at.x + first) * unit;
 }
 
 Curve grid_curve(Curve curve) {
     float scale = SCENE.grid_inverse_cell;
-    return Curve((curve.start - SCENE.grid_min) * scale, curve.c1 * scale, curve.c2 * scale, curve.c3 * scale, curve.chords, curve.inflation);
+    return Curve((curve.start - SCENE.grid_focus) * scale, curve.c1 * scale, curve.c2 * scale, curve.c3 * scale, curve.chords, curve.inflation);
 }
 
 vec2 occupied_span(Curve curve) {

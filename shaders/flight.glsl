@@ -198,7 +198,11 @@ void advance(uint slot) {
     safe_step(ray.x, safe, detail);
     if (fresh) {
         if (!fixed_step) {
-            ray.h = first_step(flight, safe);
+            real longest = longest_first_step(flight, safe);
+            real3 end_force = rate_at(charge, along(ray.x, flight.v, longest), along(ray.p, flight.a, longest), longest).a;
+            real cone = real(spread) * ray.len + real(width);
+            real tolerance = step_tolerance(ray.x, cone, real(SCENE.tolerance), detail, TOLERANCE_FLOOR);
+            ray.h = first_step(flight, end_force, longest, tolerance);
         } else {
             ray.h = METHOD == METHOD_RUNGE_KUTTA ? model_step() / sqrt(dot(flight.v, flight.v)) : model_step();
         }
@@ -208,12 +212,12 @@ void advance(uint slot) {
     bool leaving = false, look = false;
     vec2 span = vec2(0.0, 1.0);
     real piece = real(0.0);
+    // Length with which the last step would just have met its tolerance; not kept from round to round.
+    real ideal = real(0.0);
     for (uint iteration = 0; iteration < ITERATIONS && launched; ++iteration) {
         moved = flight;
         float cone = spread * float(ray.len) + width;
-        vec3 size = abs(vec3(ray.x));
-        real rounding = real(max(size.x, max(size.y, size.z)));
-        real tolerance = max(min(real(cone * SCENE.tolerance), detail * DETAIL_TOLERANCE), rounding * TOLERANCE_FLOOR);
+        real tolerance = step_tolerance(ray.x, real(cone), real(SCENE.tolerance), detail, TOLERANCE_FLOOR);
         real error = real(0.0), stray = real(0.0);
 #ifdef MEDIUM
         if (METHOD == METHOD_NYSTROM) {
@@ -234,7 +238,8 @@ void advance(uint slot) {
             ++work.steps;
         }
         bool accepted = fixed_step || error < tolerance;
-        real again = ray.h * step_factor(error, tolerance);
+        real margin = step_margin(error, tolerance);
+        real again = ray.h * step_factor(margin, real(1.0));
         piece = euler ? ray.h : arc_length(flight, moved, ray.h);
         bool crossing = false, reached = false;
 #ifdef RIM
@@ -260,10 +265,10 @@ void advance(uint slot) {
         if (accepted && stops) {
             // A step beyond the stop is taken again, to where the chord of the distances says it is.
             real after = stop_distance(moved.x, ray.len + piece, ray.parameter + ray.h);
-            vec3 there = abs(vec3(moved.x));
-            real scale = max(max(real(max(there.x, max(there.y, there.z))), real(1.0)), abs(stop_value(push.stop == STOP_PLANE ? 3 : 0)));
-            real slack = real(100.0) * TOLERANCE_FLOOR * scale;
-            bool armed = push.stop == STOP_PLANE ? abs(before) > slack : before < real(0.0);
+            real size = max(real(1.0), abs(stop_value(push.stop == STOP_PLANE ? 3 : 0)));
+            real share = real(100.0) * TOLERANCE_FLOOR;
+            real slack_before = share * max(size, largest_coordinate(ray.x)), slack = share * max(size, largest_coordinate(moved.x));
+            bool armed = push.stop == STOP_PLANE ? abs(before) > slack_before : before < real(0.0);
             if (euler && push.stop == STOP_LENGTH) {
                 reached = -after < real(0.5) * ray.h;
             } else {
@@ -290,11 +295,11 @@ void advance(uint slot) {
             Curve whole = hermite(start, end, tangent0, tangent1);
             span = occupied_span(grid_curve(whole));
             look = span.x < span.y;
-            real allowed = max(tolerance, rounding * TOLERANCE_FLOOR_F32);
+            real allowed = max(tolerance, largest_coordinate(ray.x) * TOLERANCE_FLOOR_F32);
             if (look && !fixed_step && allowed < stray) {
                 // Where something may be met, the way between the ends must be as exact as they are, and as the hits: these are single.
                 accepted = false;
-                again = ray.h * step_factor(stray, allowed);
+                again = ray.h * step_factor(step_margin(stray, allowed), real(1.0));
             }
             curve = cut_span(whole, span.x, span.y, SCENE.chord_tolerance * cone);
         }
@@ -328,7 +333,10 @@ void advance(uint slot) {
         real speed = sqrt(dot(flight.v, flight.v));
         safe_step(ray.x, safe, detail);
         if (!fixed_step) {
-            ray.h = min(ray.h * step_factor(error, tolerance), safe / speed);
+            real ideal_before = ideal;
+            ideal = abs(ray.h) * margin;
+            real trend = real(0.0) < ideal_before ? ideal / ideal_before : real(1.0);
+            ray.h = min(ray.h * step_factor(margin, trend), safe / speed);
         } else if (METHOD == METHOD_RUNGE_KUTTA) {
             ray.h = model_step() / speed;
         }

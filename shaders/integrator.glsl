@@ -90,17 +90,35 @@ void leapfrog_step(Charge charge, inout Flight flight, real parameter, real h) {
     flight.v = flight.p;
 }
 
-real step_factor(real error, real tolerance) {
-    real ratio = tolerance / max(error, tolerance * real(1e-4));
-    real factor = clamp(sqrt(sqrt(ratio)) * STEP_SAFETY, STEP_SHRINK, STEP_GROW);
-    return error < tolerance * real(1e30) ? factor : STEP_SHRINK;
+real largest_coordinate(real3 x) {
+    real3 size = abs(x);
+    return max(size.x, max(size.y, size.z));
 }
 
-real first_step(Flight flight, real safe_length) {
+real step_tolerance(real3 x, real cone, real share, real detail, real floor_share) {
+    return max(min(cone * share, detail * DETAIL_TOLERANCE), largest_coordinate(x) * floor_share);
+}
+
+real step_margin(real error, real tolerance) {
+    real ratio = tolerance / max(error, tolerance * real(1e-4));
+    return error < tolerance * real(1e30) ? sqrt(sqrt(ratio)) : STEP_SHRINK;
+}
+
+real step_factor(real margin, real trend) {
+    return clamp(margin * STEP_SAFETY * max(min(real(1.0), trend), STEP_SHRINK), STEP_SHRINK, STEP_GROW);
+}
+
+real longest_first_step(Flight flight, real safe_length) {
     real speed = sqrt(dot(flight.v, flight.v));
     real bend = max(sqrt(dot(flight.a, flight.a)), real(1e-12));
     real radius = speed * sqrt(dot(flight.p, flight.p)) / bend;
     return min(radius * FIRST_STEP, safe_length) / speed;
+}
+
+real first_step(Flight flight, real3 end_force, real longest, real tolerance) {
+    real3 change = end_force - flight.a;
+    real turn = longest * longest * sqrt(dot(flight.v, flight.v) / dot(flight.p, flight.p));
+    return longest * min(step_margin(sqrt(dot(change, change)) * turn * FIRST_ERROR, tolerance), real(1.0));
 }
 
 void euler_step(real3 gradient, inout Flight flight, real h, real kick) {

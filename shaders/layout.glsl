@@ -75,7 +75,7 @@ struct SceneParameters {
     EnvironmentParameters environment[2];
     vec3 region_center;
     float region_radius;
-    vec3 grid_min;
+    vec3 grid_focus;
     float grid_inverse_cell;
     uvec3 grid_size;
     float region_strength;
@@ -83,8 +83,11 @@ struct SceneParameters {
     uint camera_kind;
     vec3 bounds_high;
     uint filter_kind;
+    vec3 grid_focus_cell;
     uint film_width;
+    vec3 grid_reach_low;
     uint film_height;
+    vec3 grid_reach_high;
     float pixel_spread;
     float cone_width;
     float origin_offset;

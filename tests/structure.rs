@@ -43,8 +43,8 @@ fn twins_have_the_same_functions() {
         ("bvh", &["intersect_node", "slabs", "meets_root"]),
         // Built into GLSL as `length`.
         ("clearance", &["grid_length"]),
-        // `to_vec3` is a constructor in GLSL.
-        ("integrator", &["to_vec3"]),
+        // These are constructors in GLSL.
+        ("integrator", &["to_vec3", "from_vec3"]),
         ("light", &[]),
         // The table is computed by the host.
         ("material", &["integrate_ggx_albedo"]),
@@ -201,7 +201,7 @@ fn structures_have_the_layout_of_the_shaders() {
             environment,
             region_center,
             region_radius,
-            grid_min,
+            grid_focus,
             grid_inverse_cell,
             grid_size,
             region_strength,
@@ -209,8 +209,11 @@ fn structures_have_the_layout_of_the_shaders() {
             camera_kind,
             bounds_high,
             filter_kind,
+            grid_focus_cell,
             film_width,
+            grid_reach_low,
             film_height,
+            grid_reach_high,
             pixel_spread,
             cone_width,
             origin_offset,

@@ -83,29 +83,23 @@ pub fn curve_point<L: Lane>(curve: &Curve<L>, s: L) -> [L; 3] {
 /// Derivative of the curve at parameter `s`.
 #[inline(always)]
 pub fn curve_tangent<L: Lane>(token: L::Token, curve: &Curve<L>, s: L) -> [L; 3] {
-    let twice = curve.c2.map(
-        #[inline(always)]
-        |c| c + c,
-    );
+    let [x, y, z] = curve.c2;
+    let twice = [x + x, y + y, z + z];
     along(curve.c1, along(twice, curve.c3, s * L::constant(token, 3.0)), s)
 }
 
 /// From the start of the curve to its end.
 #[inline(always)]
 pub fn whole_chord<L: Lane>(curve: &Curve<L>) -> [L; 3] {
-    [0, 1, 2].map(
-        #[inline(always)]
-        |i| curve.c1[i] + curve.c2[i] + curve.c3[i],
-    )
+    let Curve { c1, c2, c3, .. } = curve;
+    [c1[0] + c2[0] + c3[0], c1[1] + c2[1] + c3[1], c1[2] + c2[2] + c3[2]]
 }
 
 /// The part of the curve from `from` to `to`, cut so that no chord strays from it by more than `tolerance`.
 #[inline(always)]
 pub fn cut_span<L: Lane>(token: L::Token, curve: &Curve<L>, from: L, to: L, tolerance: L) -> Curve<L> {
-    let [one, two, three, quarter] = [1.0, 2.0, 3.0, 0.25].map(
-        #[inline(always)]
-        |value| L::constant(token, value),
-    );
+    let (one, two, three) = (L::constant(token, 1.0), L::constant(token, 2.0), L::constant(token, 3.0));
+    let quarter = L::constant(token, 0.25);
     let w = to - from;
     let (mut c1, mut c2, mut c3) = (curve_tangent(token, curve, from), along(curve.c2, curve.c3, from * three), curve.c3);
     for i in 0..3 {
@@ -221,11 +215,8 @@ struct SlabRay<S: Simd> {
 impl<S: Simd> SlabRay<S> {
     #[inline(always)]
     fn new(simd: S, slabs: &Slabs<f32>) -> Self {
-        let near_plane = [0, 1, 2].map(
-            #[inline(always)]
-            |axis| 2 * axis + usize::from(slabs.inverse[axis] < 0.0),
-        );
         let Slabs { inverse, near, far } = *slabs;
+        let near_plane = [usize::from(inverse[0] < 0.0), 2 + usize::from(inverse[1] < 0.0), 4 + usize::from(inverse[2] < 0.0)];
         SlabRay { near_plane, slabs: Slabs { inverse: splat3(simd, inverse), near: splat3(simd, near), far: splat3(simd, far) } }
     }
 }

@@ -133,6 +133,8 @@ constants! {
         MAX_CHORDS = 32;
         /// Most clearance lookups from each end of a step.
         MARCH_STEPS = 2;
+        /// Levels of the clearance grid, each half as large as the one before.
+        GRID_LEVELS = 4;
         /// 2^24: the film's fixed-point unit is 2^-24.
         FILM_FRACTION_BITS = 24;
 
@@ -237,6 +239,8 @@ constants! {
         RIM_COSINE = 1e-3;
         /// First step, as a share of the local radius of curvature.
         FIRST_STEP = 0.3;
+        /// Error of a first step as a share of the way that the change of the force along it moves a ray.
+        FIRST_ERROR = 0.08;
         /// How far inside the bending region a ray that enters it is put, as a share of the way to it.
         REGION_MARGIN_F32 = 1e-6;
         REGION_MARGIN_F64 = 1e-14;

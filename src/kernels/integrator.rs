@@ -329,23 +329,53 @@ pub fn leapfrog_step<L: Lane>(
     to
 }
 
-/// Factor for the next step length after a step whose error is `error` where `tolerance` is allowed.
+/// Error that a step from `x` may have: what pixels allow, `share` of the width of the ray's `cone` there, but no more than a share of the
+/// length `detail` over which rays change their way, and no less than rounding, `floor` of the coordinates.
 #[inline(always)]
-pub fn step_factor<L: Lane>(token: L::Token, error: L, tolerance: L) -> L {
-    let ratio = tolerance / error.max(tolerance * L::constant(token, 1e-4));
-    let factor = ratio.sqrt().sqrt() * L::constant(token, STEP_SAFETY);
-    let factor = factor.max(L::constant(token, STEP_SHRINK)).min(L::constant(token, STEP_GROW));
-    // A step into a singularity has no error estimate.
-    L::select(error.lt(tolerance * L::constant(token, 1e30)), factor, L::constant(token, STEP_SHRINK))
+pub fn step_tolerance<L: Lane>(token: L::Token, x: [L; 3], cone: L, share: L, detail: L, floor: L) -> L {
+    (cone * share).min(detail * L::constant(token, DETAIL_TOLERANCE)).max(largest_coordinate(x) * floor)
 }
 
-/// First step: as long as the safe step, or a share of the local radius of curvature, |v| |p| / |force|.
+/// Largest coordinate of a point, without its sign.
 #[inline(always)]
-pub fn first_step<L: Lane>(token: L::Token, flight: &Flight<L>, safe_step: L) -> L {
+pub fn largest_coordinate<L: Lane>(x: [L; 3]) -> L {
+    x[0].max(-x[0]).max(x[1].max(-x[1])).max(x[2].max(-x[2]))
+}
+
+/// How many times as long a step whose error is `error` could have been to have that of `tolerance`, by an error of order four.
+#[inline(always)]
+pub fn step_margin<L: Lane>(token: L::Token, error: L, tolerance: L) -> L {
+    let ratio = tolerance / error.max(tolerance * L::constant(token, 1e-4));
+    // A step into a singularity has no error estimate.
+    L::select(error.lt(tolerance * L::constant(token, 1e30)), ratio.sqrt().sqrt(), L::constant(token, STEP_SHRINK))
+}
+
+/// Factor for the next step after one with `margin`. The steps that would just have met the tolerance grow or shrink along a ray: if by
+/// `trend` from the last one to this, they are expected to shrink by it again (Gustafsson, ACM Trans. Math. Softw. 20, 1994).
+#[inline(always)]
+pub fn step_factor<L: Lane>(token: L::Token, margin: L, trend: L) -> L {
+    let [safety, shrink, grow, one] = [STEP_SAFETY, STEP_SHRINK, STEP_GROW, 1.0];
+    let steady = L::constant(token, one).min(trend).max(L::constant(token, shrink));
+    (margin * L::constant(token, safety) * steady).max(L::constant(token, shrink)).min(L::constant(token, grow))
+}
+
+/// Longest first step that is worth a try: the safe step, or a share of the local radius of curvature, |v| |p| / |force|.
+#[inline(always)]
+pub fn longest_first_step<L: Lane>(token: L::Token, flight: &Flight<L>, safe_step: L) -> L {
     let speed = dot(flight.v, flight.v).sqrt();
     let bend = dot(flight.a, flight.a).sqrt().max(L::constant(token, 1e-12));
     let radius = speed * dot(flight.p, flight.p).sqrt() / bend;
     (radius * L::constant(token, FIRST_STEP)).min(safe_step) / speed
+}
+
+/// First step: `longest`, or shorter if the force changes much along it, from `flight.a` to `end_force`. The error of a step is about
+/// `FIRST_ERROR` of what that change moves the ray.
+#[inline(always)]
+pub fn first_step<L: Lane>(token: L::Token, flight: &Flight<L>, end_force: [L; 3], longest: L, tolerance: L) -> L {
+    let change = along(end_force, flight.a, L::constant(token, -1.0));
+    let turn = longest * longest * (dot(flight.v, flight.v) / dot(flight.p, flight.p)).sqrt();
+    let margin = step_margin(token, dot(change, change).sqrt() * turn * L::constant(token, FIRST_ERROR), tolerance);
+    longest * margin.min(L::constant(token, 1.0))
 }
 
 /// The thesis' recurrence through a medium: X += h V/|V|, V += kick grad n, both from the old state. `kick` is h for the equation of
@@ -373,20 +403,16 @@ pub fn arc_length<L: Lane>(token: L::Token, from: &Flight<L>, to: &Flight<L>, h:
 
 /// Ray parameter at which the straight ray enters the sphere, 0 if it starts inside, -1 if it misses.
 #[inline(always)]
-pub fn enter_sphere<L: Lane<Mask = bool, Token = ()>>(x: [L; 3], d: [L; 3], center: [L; 3], radius: L) -> L {
-    let zero = L::constant((), 0.0);
-    let f = [x[0] - center[0], x[1] - center[1], x[2] - center[2]];
-    let c = dot(f, f) - radius * radius;
-    if c.lt(zero) {
-        return zero;
-    }
+pub fn enter_sphere<L: Lane>(token: L::Token, x: [L; 3], d: [L; 3], center: [L; 3], radius: L) -> L {
+    let zero = L::constant(token, 0.0);
+    let f = along(x, center, L::constant(token, -1.0));
+    let inside = dot(f, f).lt(radius * radius);
     let b = dot(f, d) / dot(d, d);
     let nearest = along(f, d, -b);
     let discriminant = radius * radius - dot(nearest, nearest);
-    if zero.lt(b) || discriminant.lt(zero) {
-        return L::constant((), -1.0);
-    }
-    -b - (discriminant / dot(d, d)).sqrt()
+    let entry = -b - (discriminant.max(zero) / dot(d, d)).sqrt();
+    let missed = L::select(zero.lt(b), L::constant(token, -1.0), L::select(discriminant.lt(zero), L::constant(token, -1.0), entry));
+    L::select(inside, zero, missed)
 }
 
 /// Unit direction at infinity of a ray that leaves the region at `x` (relative to its center) along the unit vector `d`:
@@ -416,4 +442,10 @@ pub fn invert_through<L: Lane<Mask = bool, Token = ()>>(x: [L; 3], p: [L; 3], th
 #[inline(always)]
 pub fn to_vec3<T: Real>(v: [T; 3]) -> glam::Vec3 {
     glam::vec3(v[0].to_f32(), v[1].to_f32(), v[2].to_f32())
+}
+
+/// A position or direction in the precision of the integrator.
+#[inline(always)]
+pub fn from_vec3<T: Real>(v: glam::Vec3) -> [T; 3] {
+    [T::from_f64(f64::from(v.x)), T::from_f64(f64::from(v.y)), T::from_f64(f64::from(v.z))]
 }

@@ -194,15 +194,15 @@ pub struct SceneParameters {
     pub region_center: [f32; 3],
     /// Its radius.
     pub region_radius: f32,
-    /// Corner of the clearance grid.
-    pub grid_min: [f32; 3],
-    /// Cells per length.
+    /// Point that the levels of the clearance grid shrink towards.
+    pub grid_focus: [f32; 3],
+    /// Cells of the coarsest level per length.
     pub grid_inverse_cell: f32,
-    /// Cells along each axis; all zero without a grid.
+    /// Cells of every level along each axis; without a grid a single one, without clearance, that reaches everywhere.
     pub grid_size: [u32; 3],
     /// Coefficient A of the far field n = 1 + A / r outside the region; 0 if space is straight there.
     pub region_strength: f32,
-    /// Lowest corner of the box that holds all geometry, in cells of the grid.
+    /// Lowest corner of the box that holds all geometry, from the focus in cells of the coarsest level.
     pub bounds_low: [f32; 3],
     /// `CAMERA_*`.
     pub camera_kind: u32,
@@ -210,10 +210,16 @@ pub struct SceneParameters {
     pub bounds_high: [f32; 3],
     /// `FILTER_*`.
     pub filter_kind: u32,
+    /// The focus in cells from the lowest corner, the same for every level.
+    pub grid_focus_cell: [f32; 3],
     /// Film width in pixels.
     pub film_width: u32,
+    /// 1 over the cells from the focus down to the faces of a level.
+    pub grid_reach_low: [f32; 3],
     /// Film height in pixels.
     pub film_height: u32,
+    /// 1 over the cells from the focus up to the faces of a level.
+    pub grid_reach_high: [f32; 3],
     /// Angle of a pixel, radians.
     pub pixel_spread: f32,
     /// Width of a camera ray's cone at its origin.

@@ -31,7 +31,7 @@ pub struct SceneView<'a> {
     pub lights: &'a [Light],
     /// Cumulative distribution of the environment: rows, then the columns of each row.
     pub environment_cdf: &'a [f32],
-    /// Distance to the nearest geometry by cell, in quarters of a cell.
+    /// Distance to the nearest geometry by level and cell, in quarters of a cell of that level.
     pub clearance: &'a [u8],
     /// Directional albedo of GGX by roughness (rows) and cosine.
     pub albedo: &'a [f32],

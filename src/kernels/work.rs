@@ -26,6 +26,13 @@ impl Work {
         Work { steps, skips, chords, nodes, primitives, blocks }
     }
 
+    /// Counts pieces of rays that met no child of the root, one for each bit.
+    #[inline(always)]
+    pub fn pass_root(&mut self, pieces: u32) {
+        self.chords += u64::from(pieces.count_ones());
+        self.nodes += u64::from(pieces.count_ones());
+    }
+
     /// Adds the work of other rays.
     pub fn add(&mut self, other: &Work) {
         self.steps += other.steps;

@@ -101,6 +101,14 @@ pub fn load3<L: Lane, const N: usize>(token: L::Token, v: &[[L::Real; N]; 3]) ->
     [L::load(token, &v[0]), L::load(token, &v[1]), L::load(token, &v[2])]
 }
 
+/// Writes a vector per lane to one array per component.
+#[inline(always)]
+pub fn store3<L: Lane, const N: usize>(v: [L; 3], rows: &mut [[L::Real; N]; 3]) {
+    v[0].store(&mut rows[0]);
+    v[1].store(&mut rows[1]);
+    v[2].store(&mut rows[2]);
+}
+
 /// `f32` or `f64`, as the entry of a lane.
 pub trait Real:
     Copy + PartialOrd + Default + Send + Sync + bytemuck::Pod + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>

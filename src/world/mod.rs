@@ -52,7 +52,7 @@ pub struct World {
     pub lights: Vec<Light>,
     /// Cumulative distribution of the environment.
     pub environment_cdf: Vec<f32>,
-    /// Clearance grid.
+    /// Clearance grid, the coarsest level first.
     pub clearance: Vec<u8>,
     /// Directional albedo of GGX.
     pub albedo: Vec<f32>,
@@ -93,8 +93,8 @@ impl World {
             texels: vec![],
             lights: vec![],
             environment_cdf: vec![],
-            // One cell that no lookup reaches, so that the grid is never an empty array.
-            clearance: vec![0; 4],
+            // One cell on each level, without clearance, so that the grid is never an empty array.
+            clearance: vec![0; GRID_LEVELS as usize],
             albedo: ALBEDO.clone(),
             black_bodies: BLACK_BODIES.clone(),
             profiles: vec![],
@@ -147,9 +147,12 @@ impl World {
         let mut parameters = SceneParameters {
             far_root: own.far_root,
             environment: own.environment,
-            grid_min: own.grid_min,
+            grid_focus: own.grid_focus,
             grid_inverse_cell: own.grid_inverse_cell,
             grid_size: own.grid_size,
+            grid_focus_cell: own.grid_focus_cell,
+            grid_reach_low: own.grid_reach_low,
+            grid_reach_high: own.grid_reach_high,
             bounds_low: own.bounds_low,
             bounds_high: own.bounds_high,
             origin_offset: own.origin_offset,
@@ -371,8 +374,9 @@ fn scene_parameters(scene: &Scene) -> SceneParameters {
         max_depth: film.max_depth,
         environment: [environment_parameters(&scene.environment[0]), environment_parameters(&scene.environment[1])],
         light_share: LIGHT_SHARE,
-        // Without a grid every lookup is outside of it, and anything may be met anywhere.
+        // Without a grid every lookup is in a cell without clearance, and anything may be met anywhere.
         grid_inverse_cell: 1.0,
+        grid_size: [1; 3],
         bounds_low: [-FAR; 3],
         bounds_high: [FAR; 3],
         ..bytemuck::Zeroable::zeroed()

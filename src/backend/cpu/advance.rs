@@ -1,14 +1,16 @@
 //! Rays from launch to landing: straight ones one by one, curved ones as lanes of a register with finished lanes refilled.
 
 use super::edges::*;
+use super::lanes::{Ends, Lanes, Row};
 use super::step::*;
 use crate::backend::Stop;
-use crate::kernels::bvh::{Hit, TraversalStack, closest_hit, hit_position, slabs, straight};
+use crate::kernels::bvh::{Curve, Hit, TraversalStack, closest_hit, hit_position, slabs, straight};
+use crate::kernels::clearance::{grid_curve, occupied_span};
 use crate::kernels::constants::*;
 use crate::kernels::integrator::*;
 use crate::kernels::path::{Arrival, matter_velocity};
 use crate::kernels::triangle::dot;
-use crate::simd::Real;
+use crate::simd::{Lane, load3, splat3, store3};
 use crate::spacetime::Class;
 use fearless_simd::Simd;
 use glam::Vec3;
@@ -61,9 +63,9 @@ pub fn advance_straight<S: Simd, T: Scalar>(
 ) {
     for index in 0..count {
         let ray = launch(index);
-        let mut flight = Solo::new(&ray);
-        let status = flight.cross(simd, course, stack, T::from_f64(f64::from(FAR))).unwrap_or(STATUS_ESCAPED);
-        land(index, flight.landing(status, &Observed::flat()));
+        let mut solo = Solo::new(ray.origin, ray.direction, ray.side);
+        let status = solo.cross(simd, course, stack);
+        land(index, solo.landing(status, &Observed::flat()));
     }
 }
 
@@ -97,19 +99,9 @@ impl<T> Observed<T> {
 }
 
 impl<T: Scalar> Solo<T> {
-    fn new(ray: &Launch<T>) -> Self {
+    fn new(x: [T; 3], d: [T; 3], side: u32) -> Self {
         let zero = T::from_f64(0.0);
-        Solo {
-            x: ray.origin,
-            d: ray.direction,
-            p: ray.direction,
-            parameter: zero,
-            length: zero,
-            steps: 0,
-            chords: 0,
-            side: ray.side,
-            hit: None,
-        }
+        Solo { x, d, p: d, parameter: zero, length: zero, steps: 0, chords: 0, side, hit: None }
     }
 
     fn of_lane(lanes: &Lanes<T>, i: usize) -> Self {
@@ -129,23 +121,25 @@ impl<T: Scalar> Solo<T> {
         }
     }
 
-    /// Goes straight for `distance`, or to a hit.
+    /// Goes straight to a hit, or away.
     #[inline(always)]
-    fn cross<S: Simd>(&mut self, simd: S, course: &Course<T>, stack: &mut TraversalStack, distance: T) -> Option<u32> {
+    fn cross<S: Simd>(&mut self, simd: S, course: &Course<T>, stack: &mut TraversalStack) -> u32 {
         let curve = straight(to_vec3(self.x), to_vec3(self.d));
-        let mut hit = Hit::none(distance.to_f32());
+        let mut hit = Hit::none(FAR);
         self.chords += 1;
         closest_hit(simd, &course.view, &curve, &slabs((), &curve), self.side, stack, &mut hit);
-        if hit.primitive != NO_INDEX {
-            self.length = self.length + T::from_f64(f64::from(hit.t));
-            self.hit = Some((hit, hit_position(&curve, hit.t)));
-            return Some(STATUS_HIT);
+        if hit.primitive == NO_INDEX {
+            return STATUS_ESCAPED;
         }
-        if distance.to_f32() < FAR {
-            self.x = along(self.x, self.d, distance);
-            self.length = self.length + distance;
-        }
-        None
+        self.length = self.length + T::from_f64(f64::from(hit.t));
+        self.hit = Some((hit, hit_position(&curve, hit.t)));
+        STATUS_HIT
+    }
+
+    /// Where the ray ended.
+    #[inline(always)]
+    fn end(&self) -> [T; 3] {
+        self.hit.map_or(self.x, |(_, position)| from_vec3(position))
     }
 
     /// Leaves the region outward: straight on past whatever is there, or along the asymptote of the far field.
@@ -158,7 +152,7 @@ impl<T: Scalar> Solo<T> {
             self.d = asymptote(from_center, self.d, T::from_f64(f64::from(scene.region_strength)));
             return STATUS_ESCAPED;
         }
-        self.cross(simd, course, stack, T::from_f64(f64::from(FAR))).unwrap_or(STATUS_ESCAPED)
+        self.cross(simd, course, stack)
     }
 
     fn landing(&self, status: u32, observed: &Observed<T>) -> Landing<T> {
@@ -166,8 +160,6 @@ impl<T: Scalar> Solo<T> {
             Some((hit, position)) => (hit, position),
             None => (Hit::none(0.0), to_vec3(self.x)),
         };
-        let exact = self.hit.is_none();
-        let from32 = |v: Vec3| v.to_array().map(|c| T::from_f64(f64::from(c)));
         let direction = observed.direction.unwrap_or(self.d);
         Landing {
             arrival: Arrival {
@@ -187,7 +179,7 @@ impl<T: Scalar> Solo<T> {
                 doppler: observed.doppler,
                 side: self.side,
             },
-            position: if exact { self.x } else { from32(position) },
+            position: self.end(),
             direction,
             momentum: self.p,
             parameter: self.parameter,
@@ -213,24 +205,25 @@ pub fn advance_curved<S: Simd, T: Scalar>(
     let euler = scene.method == METHOD_EULER && medium;
     let one_by_one = euler || matches!(scene.method, METHOD_SYMPLECTIC | METHOD_LEAPFROG);
     let mut lanes = Lanes::<T>::idle();
-    let mut waiting = Waiting { lanes: Lanes::idle(), count: 0, taken: 0, next: 0 };
+    let mut waiting = Waiting { lanes: Lanes::idle(), ready: 0, next: 0 };
+    let mut ended = Ended { ends: Ends::idle(), rays: Vec::with_capacity(T::WIDTH) };
     let mut live = 0u32;
     let stops = course.stop != Stop::Never;
     loop {
         // Fill the lanes that are free.
         let mut free = !live & ((1u32 << T::WIDTH) - 1);
         while free != 0 {
-            if waiting.taken == waiting.count && !waiting.fill(simd, course, &functions, &kernels, stack, count, &launch, &mut land) {
+            if waiting.ready == 0 && !waiting.fill(simd, course, &functions, &kernels, stack, count, &launch, &mut land) {
                 break;
             }
-            let lane = free.trailing_zeros() as usize;
+            let (lane, from) = (free.trailing_zeros() as usize, waiting.ready.trailing_zeros() as usize);
             free &= free - 1;
-            lanes.take(lane, &waiting.lanes, waiting.taken);
-            waiting.taken += 1;
+            waiting.ready &= waiting.ready - 1;
+            lanes.take(lane, &waiting.lanes, from);
             live |= 1 << lane;
         }
         if live == 0 {
-            return;
+            return ended.report(simd, course, &functions, &kernels, &mut land);
         }
         let captured =
             if one_by_one { integrate_alone(course, &functions, &mut lanes) } else { (kernels.integrate)(simd, course, &mut lanes) };
@@ -262,24 +255,20 @@ pub fn advance_curved<S: Simd, T: Scalar>(
             lanes.steps[i] += 1;
             lanes.chords[i] += looked_up >> i & 1;
         }
-        let missed = u64::from((looked_up & !met).count_ones());
-        stack.work.chords += missed;
-        stack.work.nodes += missed;
+        stack.work.pass_root(looked_up & !met);
 
         // Look for hits along the steps that may meet something.
         let mut todo = met;
         while todo != 0 {
             let i = todo.trailing_zeros() as usize;
             todo &= todo - 1;
-            let (from, to) = (lanes.next.from[i].to_f32(), lanes.next.to[i].to_f32());
-            let (curve, slabs) = lanes.next.pieces.of_lane(i);
-            let mut hit = Hit::none(1.0);
-            closest_hit(simd, &course.view, &curve, &slabs, lanes.side[i], stack, &mut hit);
-            if hit.primitive != NO_INDEX {
-                let s = from + (to - from) * hit.t;
-                let landed = land_on_surface(&lanes, i, s, (hit, hit_position(&curve, hit.t)));
-                finish(course, &functions, &lanes, i, landed, STATUS_HIT, &mut land);
+            if let Some((s, hit)) = meet(simd, course, stack, &lanes, i) {
+                let landed = land_on_surface(&lanes, i, s, hit);
+                ended.add(course, &functions, &lanes, i, landed, STATUS_HIT);
                 live &= !(1 << i);
+                if ended.rays.len() == T::WIDTH {
+                    ended.report(simd, course, &functions, &kernels, &mut land);
+                }
             }
         }
         lanes.commit::<T::Register<S>>(simd, accepted & live);
@@ -304,7 +293,7 @@ pub fn advance_curved<S: Simd, T: Scalar>(
             todo &= todo - 1;
             let is = |mask: u32| (moved & mask) >> i & 1 == 1;
             let mut solo = None;
-            let ended = if is(reached) {
+            let status = if is(reached) {
                 Some(STATUS_STOPPED)
             } else if is(captured) {
                 Some(STATUS_CAPTURED)
@@ -318,20 +307,39 @@ pub fn advance_curved<S: Simd, T: Scalar>(
             } else {
                 None
             };
-            if let Some(status) = ended {
+            if let Some(status) = status {
                 let solo = solo.unwrap_or_else(|| Solo::of_lane(&lanes, i));
-                finish(course, &functions, &lanes, i, solo, status, &mut land);
+                ended.add(course, &functions, &lanes, i, solo, status);
                 live &= !(1 << i);
+                if ended.rays.len() == T::WIDTH {
+                    ended.report(simd, course, &functions, &kernels, &mut land);
+                }
             }
         }
     }
 }
 
+/// The first hit along the piece of lane `i`, and the share of the whole step at which it is.
+#[inline(always)]
+fn meet<S: Simd, T: Scalar>(
+    simd: S,
+    course: &Course<T>,
+    stack: &mut TraversalStack,
+    lanes: &Lanes<T>,
+    i: usize,
+) -> Option<(T, (Hit, Vec3))> {
+    let (from, to) = (lanes.next.from[i].to_f32(), lanes.next.to[i].to_f32());
+    let (curve, slabs) = lanes.next.pieces.of_lane(i);
+    let mut hit = Hit::none(1.0);
+    closest_hit(simd, &course.view, &curve, &slabs, lanes.side[i], stack, &mut hit);
+    let share = T::from_f64(f64::from(from + (to - from) * hit.t));
+    (hit.primitive != NO_INDEX).then(|| (share, (hit, hit_position(&curve, hit.t))))
+}
+
 /// Lane `i` where it met a surface at the share `s` of its step: momentum from the cubic through both ends.
 #[inline(always)]
-fn land_on_surface<T: Scalar>(lanes: &Lanes<T>, i: usize, s: f32, hit: (Hit, Vec3)) -> Solo<T> {
+fn land_on_surface<T: Scalar>(lanes: &Lanes<T>, i: usize, s: T, hit: (Hit, Vec3)) -> Solo<T> {
     let mut solo = Solo::of_lane(lanes, i);
-    let s = T::from_f64(f64::from(s));
     let h = lanes.h[i];
     let (one, two, three) = (T::from_f64(1.0), T::from_f64(2.0), T::from_f64(3.0));
     let rest = one - s;
@@ -346,60 +354,90 @@ fn land_on_surface<T: Scalar>(lanes: &Lanes<T>, i: usize, s: f32, hit: (Hit, Vec
     solo
 }
 
-/// Reports the end of lane `i`.
-#[inline(always)]
-fn finish<T: Scalar>(
-    course: &Course<T>,
-    functions: &PointFunctions<T>,
-    lanes: &Lanes<T>,
-    i: usize,
+/// Rays that ended and are not reported yet, so that what is observed there is computed for many at once.
+struct Ended<T> {
+    ends: Ends<T>,
+    rays: Vec<EndedRay<T>>,
+}
+
+struct EndedRay<T> {
+    index: usize,
     solo: Solo<T>,
     status: u32,
-    land: &mut impl FnMut(usize, Landing<T>),
-) {
-    let model = course.model;
-    let x = solo.hit.map_or(solo.x, |(_, position)| position.to_array().map(|c| T::from_f64(f64::from(c))));
-    let (energy, sense) = (lanes.energy[i], lanes.sense[i]);
-    let (direction, frequency, _) = (functions.observe)((), model, x, solo.p, energy, sense, solo.parameter);
-    let drift = if course.drift {
-        let at = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
-        (functions.observe)((), model, at(&lanes.x), at(&lanes.p), energy, sense, lanes.parameter[i]).2.to_f32().abs()
-    } else {
-        0.0
-    };
-    let escaped = status == STATUS_ESCAPED;
-    let end = if escaped { (functions.far_frequency)((), model, solo.p, energy) } else { frequency };
-    let mut frame = [[1.0; 3], [0.0; 3]];
-    if solo.hit.is_some() && course.kind.class() == Class::Metric {
-        let (diagonal, mixed) = (functions.frame)((), model, x);
-        frame = [diagonal.map(Real::to_f32), mixed.map(Real::to_f32)];
+    /// Frequency at the start.
+    frequency: T,
+    drift: f32,
+}
+
+impl<T: Scalar> Ended<T> {
+    /// Adds the end of lane `i`; there must be room.
+    #[inline(always)]
+    fn add(&mut self, course: &Course<T>, functions: &PointFunctions<T>, lanes: &Lanes<T>, i: usize, solo: Solo<T>, status: u32) {
+        let (energy, sense) = (lanes.energy[i], lanes.sense[i]);
+        let drift = if course.drift {
+            let at = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
+            let (x, p) = (at(&lanes.x), at(&lanes.p));
+            (functions.observe)((), course.model, x, p, energy, sense, lanes.parameter[i]).2.to_f32().abs()
+        } else {
+            0.0
+        };
+        let (to, ends) = (self.rays.len(), &mut self.ends);
+        for (axis, x) in solo.end().into_iter().enumerate() {
+            (ends.x[axis][to], ends.p[axis][to]) = (x, solo.p[axis]);
+        }
+        (ends.energy[to], ends.sense[to], ends.parameter[to]) = (energy, sense, solo.parameter);
+        self.rays.push(EndedRay { index: lanes.index[i], solo, status, frequency: lanes.frequency[i], drift });
     }
-    let mut doppler = 1.0;
-    if let Some((hit, position)) = solo.hit
-        && let Some(velocity) = matter_velocity(&course.view, &hit, position)
-    {
-        let velocity = velocity.to_array().map(|c| T::from_f64(f64::from(c)));
-        let emitted = (functions.matter_frequency)((), model, x, solo.p, energy, sense, velocity);
-        doppler = (frequency / emitted).to_f32();
+
+    /// Reports them all.
+    fn report<S: Simd>(
+        &mut self,
+        simd: S,
+        course: &Course<T>,
+        functions: &PointFunctions<T>,
+        kernels: &ModelKernels<S, T>,
+        land: &mut impl FnMut(usize, Landing<T>),
+    ) {
+        if self.rays.is_empty() {
+            return;
+        }
+        (kernels.observe)(simd, course, &mut self.ends);
+        let ends = &self.ends;
+        for (i, ray) in self.rays.drain(..).enumerate() {
+            let at = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
+            let frequency = ends.frequency[i];
+            let escaped = ray.status == STATUS_ESCAPED;
+            let end = if escaped { ends.far_frequency[i] } else { frequency };
+            let mut frame = [[1.0; 3], [0.0; 3]];
+            let mut doppler = 1.0;
+            if let Some((hit, position)) = ray.solo.hit {
+                if course.kind.class() == Class::Metric {
+                    frame = [to_vec3(at(&ends.frame_diagonal)).into(), to_vec3(at(&ends.frame_mixed)).into()];
+                }
+                if let Some(velocity) = matter_velocity(&course.view, &hit, position) {
+                    let (x, p, energy, sense) = (at(&ends.x), at(&ends.p), ends.energy[i], ends.sense[i]);
+                    let emitted = (functions.matter_frequency)((), course.model, x, p, energy, sense, from_vec3(velocity));
+                    doppler = (frequency / emitted).to_f32();
+                }
+            }
+            let observed = Observed {
+                // An escaped ray has its asymptotic direction already, unless the chart moves.
+                direction: if escaped && !course.kind.moves_at_infinity() { None } else { Some(at(&ends.direction)) },
+                redshift: (ray.frequency / end).to_f32(),
+                constraint_error: ray.drift,
+                frame,
+                doppler,
+            };
+            land(ray.index, ray.solo.landing(ray.status, &observed));
+        }
     }
-    let observed = Observed {
-        // An escaped ray has its asymptotic direction already, unless the chart moves.
-        direction: if escaped && !course.kind.moves_at_infinity() { None } else { Some(direction) },
-        redshift: (lanes.frequency[i] / end).to_f32(),
-        constraint_error: drift,
-        frame,
-        doppler,
-    };
-    land(lanes.index[i], solo.landing(status, &observed));
 }
 
 /// Rays that were launched together and wait for lanes that are free.
 struct Waiting<T> {
     lanes: Lanes<T>,
-    /// How many there are.
-    count: usize,
-    /// How many have gone.
-    taken: usize,
+    /// Lanes whose ray waits, as bits.
+    ready: u32,
     /// The ray to be launched next.
     next: usize,
 }
@@ -419,47 +457,88 @@ impl<T: Scalar> Waiting<T> {
         launch: &impl Fn(usize) -> Launch<T>,
         land: &mut impl FnMut(usize, Landing<T>),
     ) -> bool {
-        let scene = course.scene;
-        let center = region_center(course);
-        let radius = T::from_f64(f64::from(scene.region_radius));
-        let lanes = &mut self.lanes;
-        (self.count, self.taken) = (0, 0);
-        while self.count < T::WIDTH && self.next < count {
-            let index = self.next;
-            self.next += 1;
-            let ray = launch(index);
-            let mut solo = Solo::new(&ray);
-            let entry = enter_sphere(solo.x, solo.d, center, radius);
-            if entry.to_f64() != 0.0 {
-                // The ray starts outside: it goes straight to the region, or past it.
-                let margin = 1.0 + T::REGION_MARGIN;
-                let distance = if entry.to_f64() < 0.0 { T::from_f64(f64::from(FAR)) } else { T::from_f64(entry.to_f64() * margin) };
-                let ended = solo.cross(simd, course, stack, distance);
-                let status = if entry.to_f64() < 0.0 { Some(ended.unwrap_or(STATUS_ESCAPED)) } else { ended };
-                if let Some(status) = status {
-                    land(index, solo.landing(status, &Observed::flat()));
-                    continue;
+        while self.ready == 0 && self.next < count {
+            let lanes = &mut self.lanes;
+            for i in 0..T::WIDTH.min(count - self.next) {
+                let ray = launch(self.next);
+                for axis in 0..3 {
+                    (lanes.x[axis][i], lanes.p[axis][i]) = (ray.origin[axis], ray.direction[axis]);
                 }
+                (lanes.energy[i], lanes.sense[i]) = (ray.speed, ray.sense);
+                (lanes.width[i], lanes.spread[i]) = (T::from_f64(f64::from(ray.width)), T::from_f64(f64::from(ray.spread)));
+                (lanes.length[i], lanes.chords[i], lanes.side[i]) = (T::from_f64(0.0), 0, ray.side);
+                lanes.index[i] = self.next;
+                self.ready |= 1 << i;
+                self.next += 1;
             }
-            let i = self.count;
-            self.count += 1;
-            for axis in 0..3 {
-                lanes.x[axis][i] = solo.x[axis];
-                lanes.p[axis][i] = solo.d[axis];
+            self.approach::<T::Register<S>, S>(simd, course, stack, land);
+        }
+        if self.ready == 0 {
+            return false;
+        }
+        (kernels.launch)(simd, course, &mut self.lanes);
+        if course.stop != Stop::Never {
+            let lanes = &mut self.lanes;
+            for i in 0..T::WIDTH {
+                let x = [lanes.x[0][i], lanes.x[1][i], lanes.x[2][i]];
+                lanes.until[i] = stop_distance(course, functions, x, lanes.length[i], T::from_f64(0.0));
             }
-            lanes.energy[i] = ray.speed;
-            lanes.sense[i] = ray.sense;
-            lanes.width[i] = T::from_f64(f64::from(ray.width));
-            lanes.spread[i] = T::from_f64(f64::from(ray.spread));
-            lanes.length[i] = solo.length;
-            lanes.until[i] = stop_distance(course, functions, solo.x, solo.length, T::from_f64(0.0));
-            lanes.index[i] = index;
-            lanes.chords[i] = solo.chords;
-            lanes.side[i] = ray.side;
         }
-        if self.count > 0 {
-            (kernels.launch)(simd, course, lanes);
+        true
+    }
+
+    /// Takes rays that start outside of the bending region straight there, or past it; those that end on the way are reported.
+    #[inline(always)]
+    fn approach<L: Lane<Real = T, Token = S>, S: Simd>(
+        &mut self,
+        simd: S,
+        course: &Course<T>,
+        stack: &mut TraversalStack,
+        land: &mut impl FnMut(usize, Landing<T>),
+    ) {
+        let lanes = &mut self.lanes;
+        let zero = L::constant(simd, 0.0);
+        let (x, d) = (load3(simd, &lanes.x), load3(simd, &lanes.p));
+        let radius = L::constant(simd, f64::from(course.scene.region_radius));
+        let entry = enter_sphere(simd, x, d, splat3(simd, region_center(course)), radius);
+        let passing = L::bits(entry.lt(zero)) & self.ready;
+        let entering = L::bits(zero.lt(entry)) & self.ready;
+        if passing | entering == 0 {
+            return;
         }
-        self.count > 0
+        let way = (entry * L::constant(simd, 1.0 + T::REGION_MARGIN)).max(zero);
+        let across = [d[0] * way, d[1] * way, d[2] * way];
+        let curve = Curve { start: x, c1: across, c2: [zero; 3], c3: [zero; 3], chords: L::constant(simd, 1.0), inflation: zero };
+        let (from, to) = occupied_span(simd, &course.view, &grid_curve(simd, &course.view, &curve), entering);
+        let occupied = L::bits(from.lt(to)) & entering;
+        let mut met = 0;
+        if occupied != 0 {
+            met = occupied & prepare_pieces(simd, course, &curve, (from, to), L::load(simd, &lanes.width), &mut lanes.next.pieces);
+            stack.work.pass_root(occupied & !met);
+        }
+        from.store(&mut lanes.next.from);
+        to.store(&mut lanes.next.to);
+        way.store(&mut lanes.length);
+        let mut todo = met | passing;
+        while todo != 0 {
+            let i = todo.trailing_zeros() as usize;
+            todo &= todo - 1;
+            let at = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
+            let mut solo = Solo::new(at(&lanes.x), at(&lanes.p), lanes.side[i]);
+            let status = if passing >> i & 1 == 1 {
+                solo.cross(simd, course, stack)
+            } else if let Some((s, hit)) = meet(simd, course, stack, lanes, i) {
+                (solo.length, solo.chords, solo.hit) = (lanes.length[i] * s, 1, Some(hit));
+                STATUS_HIT
+            } else {
+                continue;
+            };
+            land(lanes.index[i], solo.landing(status, &Observed::flat()));
+            self.ready &= !(1 << i);
+        }
+        for (i, chords) in lanes.chords.iter_mut().enumerate() {
+            *chords += occupied >> i & 1;
+        }
+        store3(along(x, d, way), &mut lanes.x);
     }
 }

@@ -1,5 +1,6 @@
 //! Where steps have to end: the edge of the region, the rim of a lens, the throat of a wormhole, the place where a traced ray stops.
 
+use super::lanes::{Lanes, Row};
 use super::step::*;
 use crate::backend::Stop;
 use crate::kernels::constants::*;
@@ -97,17 +98,17 @@ pub fn approach_stop<T: Scalar>(
     let (length, parameter) = (lanes.length[i] + lanes.next.travelled[i], lanes.parameter[i] + lanes.h[i]);
     let before = lanes.until[i];
     let after = stop_distance(course, functions, x, length, parameter);
-    let size = x.iter().fold(1.0, |m: f64, c| m.max(c.to_f64().abs()));
-    let slack = 100.0 * T::TOLERANCE_FLOOR * size.max(course.stop.size());
+    let slack = |x: [T; 3]| 100.0 * T::TOLERANCE_FLOOR * largest_coordinate(x).to_f64().max(course.stop.size());
+    let start = [lanes.x[0][i], lanes.x[1][i], lanes.x[2][i]];
     let plane = matches!(course.stop, Stop::Plane(..));
-    let armed = if plane { before.to_f64().abs() > slack } else { before.to_f64() < 0.0 };
+    let armed = if plane { before.to_f64().abs() > slack(start) } else { before.to_f64() < 0.0 };
     if euler && matches!(course.stop, Stop::Length(_)) {
         // A recurrence is not cut: it stops after the step that ends nearest.
         lanes.until[i] = after;
         return if -after.to_f64() < 0.5 * lanes.h[i].to_f64() { Approach::Reached } else { Approach::Before };
     }
     let passed = armed && before.to_f64() * after.to_f64() < 0.0;
-    if armed && after.to_f64().abs() <= slack || passed && crossing {
+    if armed && after.to_f64().abs() <= slack(x) || passed && crossing {
         return Approach::Reached;
     }
     if passed {

@@ -2,6 +2,7 @@
 
 pub mod advance;
 pub mod edges;
+pub mod lanes;
 pub mod step;
 
 use super::timing::{Dispatch, Profiling, Recorder, RoundCounts, Submission, Timings, now};

@@ -1,14 +1,15 @@
 //! One step of all rays in flight, as lanes of registers: the integration, compiled for each model, and what is the same for all.
 
+use super::lanes::{Ends, Lanes, Pieces, Row};
 use crate::backend::Stop;
-use crate::kernels::bvh::{Curve, Slabs, cut_span, hermite, meets_root, slabs};
+use crate::kernels::bvh::{Curve, cut_span, hermite, meets_root, slabs};
 use crate::kernels::clearance::{grid_curve, occupied_span};
 use crate::kernels::constants::*;
 use crate::kernels::integrator::*;
 use crate::kernels::layout::SceneParameters;
 use crate::kernels::triangle::dot;
 use crate::kernels::view::SceneView;
-use crate::simd::{Lane, MAX_LANES, Real, load3, splat3};
+use crate::simd::{Lane, Real, load3, splat3, store3};
 use crate::spacetime::{Class, ModelKind};
 use fearless_simd::{Simd, f32x16, f64x8};
 
@@ -50,6 +51,8 @@ pub struct ModelKernels<S, T> {
     /// Takes all lanes one step along: `next.x`, `next.p`, `next.v`, `next.a`, the errors and the safe steps there; returns the lanes that
     /// are captured there, as bits.
     pub integrate: fn(S, &Course<T>, &mut Lanes<T>) -> u32,
+    /// What local observers see of rays that ended.
+    pub observe: fn(S, &Course<T>, &mut Ends<T>),
 }
 
 impl<S: Simd, T: Scalar> ModelKernels<S, T> {
@@ -67,12 +70,19 @@ impl<S: Simd, T: Scalar> ModelKernels<S, T> {
                 || integrate_lanes::<M, T::Register<S>, T>(simd, course, lanes),
             )
         }
+        fn observe<M: Model, S: Simd, T: Scalar>(simd: S, course: &Course<T>, ends: &mut Ends<T>) {
+            simd.vectorize(
+                #[inline(always)]
+                || observe_lanes::<M, T::Register<S>, T>(simd, course, ends),
+            )
+        }
         macro_rules! choose {
             ($(($name:ident, $stem:ident, $class:ident)),+ $(,)?) => {
                 match kind {
                     $(ModelKind::$name => ModelKernels {
                         launch: launch::<crate::spacetime::$name, S, T>,
                         integrate: integrate::<crate::spacetime::$name, S, T>,
+                        observe: observe::<crate::spacetime::$name, S, T>,
                     }),+
                 }
             };
@@ -97,128 +107,12 @@ pub struct Course<'a, T> {
     pub drift: bool,
 }
 
-/// A number per lane.
-pub type Row<T> = [T; MAX_LANES];
-
-/// State of the rays in flight, and where the step in hand leads.
-#[repr(align(64))]
-pub struct Lanes<T> {
-    /// Positions.
-    pub x: [Row<T>; 3],
-    /// Momenta.
-    pub p: [Row<T>; 3],
-    /// Velocities.
-    pub v: [Row<T>; 3],
-    /// Forces.
-    pub a: [Row<T>; 3],
-    /// Step lengths, in the model's parameter.
-    pub h: Row<T>,
-    /// Parameters so far.
-    pub parameter: Row<T>,
-    /// Conserved energies.
-    pub energy: Row<T>,
-    /// Senses.
-    pub sense: Row<T>,
-    /// Frequencies at the start.
-    pub frequency: Row<T>,
-    /// Widths of the cones at the start.
-    pub width: Row<T>,
-    /// Growth of the cones.
-    pub spread: Row<T>,
-    /// Lengths by which the errors of the steps are measured.
-    pub detail: Row<T>,
-    /// Coordinate lengths so far.
-    pub length: Row<T>,
-    /// Signed distances from where the rays are to stop: negative before it.
-    pub until: Row<T>,
-    /// State at the end of the step.
-    pub next: Next<T>,
-    /// Which ray is in each lane.
-    pub index: [usize; MAX_LANES],
-    /// Steps of each ray.
-    pub steps: [u32; MAX_LANES],
-    /// Chords of each ray.
-    pub chords: [u32; MAX_LANES],
-    /// Side of the wormhole each ray is on: 0 or 1.
-    pub side: [u32; MAX_LANES],
-}
-
-/// State at the end of a step.
-#[repr(align(64))]
-pub struct Next<T> {
-    /// Positions.
-    pub x: [Row<T>; 3],
-    /// Momenta.
-    pub p: [Row<T>; 3],
-    /// Velocities.
-    pub v: [Row<T>; 3],
-    /// Forces.
-    pub a: [Row<T>; 3],
-    /// Local errors of the steps.
-    pub error: Row<T>,
-    /// How far the cubics through both ends stray from the rays between.
-    pub stray: Row<T>,
-    /// Coordinate lengths that the model allows the next steps.
-    pub safe: Row<T>,
-    /// Lengths by which their errors are measured.
-    pub detail: Row<T>,
-    /// Lengths of the next steps.
-    pub h: Row<T>,
-    /// Coordinate lengths of the steps.
-    pub travelled: Row<T>,
-    /// Where geometry may be met first along each step.
-    pub from: Row<T>,
-    /// Where it may be met last.
-    pub to: Row<T>,
-    /// The steps between these, cut into chords; valid where geometry may be met.
-    pub pieces: Pieces<T>,
-}
-
-/// Pieces of steps as [`Curve`]s, and their chords as [`Slabs`].
-#[repr(align(64))]
-pub struct Pieces<T> {
-    start: [Row<T>; 3],
-    c1: [Row<T>; 3],
-    c2: [Row<T>; 3],
-    c3: [Row<T>; 3],
-    chords: Row<T>,
-    inflation: Row<T>,
-    inverse: [Row<T>; 3],
-    near: [Row<T>; 3],
-    far: [Row<T>; 3],
-}
-
-impl<T: Scalar> Pieces<T> {
+impl<T: Scalar> Course<'_, T> {
+    /// Error that steps from `x` may have, see [`step_tolerance`].
     #[inline(always)]
-    fn store<L: Lane<Real = T>>(&mut self, curve: &Curve<L>, slabs: &Slabs<L>) {
-        let mut all = [
-            (&mut self.start, curve.start),
-            (&mut self.c1, curve.c1),
-            (&mut self.c2, curve.c2),
-            (&mut self.c3, curve.c3),
-            (&mut self.inverse, slabs.inverse),
-            (&mut self.near, slabs.near),
-            (&mut self.far, slabs.far),
-        ];
-        for (rows, values) in &mut all {
-            for axis in 0..3 {
-                values[axis].store(&mut rows[axis]);
-            }
-        }
-        curve.chords.store(&mut self.chords);
-        curve.inflation.store(&mut self.inflation);
-    }
-
-    /// The piece of lane `i`.
-    #[inline(always)]
-    pub fn of_lane(&self, i: usize) -> (Curve<f32>, Slabs<f32>) {
-        let [start, c1, c2, c3, inverse, near, far] = [&self.start, &self.c1, &self.c2, &self.c3, &self.inverse, &self.near, &self.far]
-            .map(
-                #[inline(always)]
-                |rows| [rows[0][i].to_f32(), rows[1][i].to_f32(), rows[2][i].to_f32()],
-            );
-        let (chords, inflation) = (self.chords[i].to_f32(), self.inflation[i].to_f32());
-        (Curve { start, c1, c2, c3, chords, inflation }, Slabs { inverse, near, far })
+    fn tolerance<L: Lane<Real = T>>(&self, token: L::Token, x: [L; 3], cone: L, detail: L) -> L {
+        let share = L::constant(token, f64::from(self.scene.tolerance));
+        step_tolerance(token, x, cone, share, detail, L::constant(token, T::TOLERANCE_FLOOR))
     }
 }
 
@@ -237,116 +131,6 @@ pub struct Masks {
     pub crossed: u32,
 }
 
-impl<T: Scalar> Lanes<T> {
-    /// Lanes without rays, far from everything.
-    pub fn idle() -> Self {
-        let row = |value: f64| [T::from_f64(value); MAX_LANES];
-        let (zero, one) = (row(0.0), row(1.0));
-        Lanes {
-            x: [row(1e6); 3],
-            p: [one; 3],
-            v: [one; 3],
-            a: [zero; 3],
-            h: zero,
-            parameter: zero,
-            energy: one,
-            sense: one,
-            frequency: one,
-            width: one,
-            spread: zero,
-            detail: one,
-            length: zero,
-            until: zero,
-            next: Next {
-                x: [zero; 3],
-                p: [zero; 3],
-                v: [zero; 3],
-                a: [zero; 3],
-                error: zero,
-                stray: zero,
-                safe: zero,
-                detail: zero,
-                h: zero,
-                travelled: zero,
-                from: zero,
-                to: zero,
-                pieces: Pieces {
-                    start: [zero; 3],
-                    c1: [zero; 3],
-                    c2: [zero; 3],
-                    c3: [zero; 3],
-                    chords: one,
-                    inflation: zero,
-                    inverse: [one; 3],
-                    near: [zero; 3],
-                    far: [zero; 3],
-                },
-            },
-            index: [0; MAX_LANES],
-            steps: [0; MAX_LANES],
-            chords: [0; MAX_LANES],
-            side: [0; MAX_LANES],
-        }
-    }
-
-    /// State and derivatives at the start of the step.
-    #[inline(always)]
-    fn flight<L: Lane<Real = T>>(&self, token: L::Token) -> Flight<L> {
-        Flight { x: load3(token, &self.x), p: load3(token, &self.p), v: load3(token, &self.v), a: load3(token, &self.a) }
-    }
-
-    /// Moves the lanes of `accepted` to the end of their step.
-    #[inline(always)]
-    pub fn commit<L: Lane<Real = T>>(&mut self, token: L::Token, accepted: u32) {
-        let moves = L::mask(token, accepted);
-        let next = &self.next;
-        // A row chosen from itself and another becomes a masked store, which takes some processors twenty times as long as a whole one;
-        // so the compiler does not get to see that it is itself.
-        let hidden = |row: &Row<T>| std::hint::black_box(L::load(token, row));
-        for axis in 0..3 {
-            for (row, moved) in [
-                (&mut self.x[axis], &next.x[axis]),
-                (&mut self.p[axis], &next.p[axis]),
-                (&mut self.v[axis], &next.v[axis]),
-                (&mut self.a[axis], &next.a[axis]),
-            ] {
-                L::select(moves, L::load(token, moved), hidden(row)).store(row);
-            }
-        }
-        L::select(moves, L::load(token, &next.detail), hidden(&self.detail)).store(&mut self.detail);
-        for (row, gain) in [(&mut self.parameter, &self.h), (&mut self.length, &next.travelled)] {
-            let before = hidden(row);
-            L::select(moves, before + L::load(token, gain), before).store(row);
-        }
-        self.h = next.h;
-    }
-
-    /// Puts the ray in lane `from` of `other` into lane `to`.
-    #[inline(always)]
-    pub fn take(&mut self, to: usize, other: &Lanes<T>, from: usize) {
-        for axis in 0..3 {
-            self.x[axis][to] = other.x[axis][from];
-            self.p[axis][to] = other.p[axis][from];
-            self.v[axis][to] = other.v[axis][from];
-            self.a[axis][to] = other.a[axis][from];
-        }
-        self.h[to] = other.h[from];
-        self.parameter[to] = other.parameter[from];
-        self.energy[to] = other.energy[from];
-        self.sense[to] = other.sense[from];
-        self.frequency[to] = other.frequency[from];
-        self.width[to] = other.width[from];
-        self.spread[to] = other.spread[from];
-        self.detail[to] = other.detail[from];
-        self.length[to] = other.length[from];
-        self.until[to] = other.until[from];
-        self.index[to] = other.index[from];
-        self.steps[to] = other.steps[from];
-        self.chords[to] = other.chords[from];
-        self.side[to] = other.side[from];
-    }
-}
-
 /// Whether the method's steps are of fixed length.
 pub fn fixed_step<T: Real>(scene: &SceneParameters, model: &ModelBlock<T>) -> bool {
     matches!(scene.method, METHOD_EULER | METHOD_SYMPLECTIC | METHOD_LEAPFROG)
@@ -363,21 +147,41 @@ fn launch_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, course:
     let (v, a) = M::rate::<L>(token, model, x, p, energy, sense, L::constant(token, 0.0));
     let (safe, detail) = M::safe_step::<L>(token, model, x);
     let h = if !fixed_step(scene, model) {
-        first_step(token, &Flight { x, p, v, a }, safe)
+        let flight = Flight { x, p, v, a };
+        let longest = longest_first_step(token, &flight, safe);
+        let charge = Charge { energy, sense };
+        let end = rate_at::<M, L>(token, model, &charge, along(x, v, longest), along(p, a, longest), longest);
+        let cone = L::load(token, &lanes.spread).mul_add(L::load(token, &lanes.length), L::load(token, &lanes.width));
+        first_step(token, &flight, end.a, longest, course.tolerance(token, x, cone, detail))
     } else if scene.method == METHOD_RUNGE_KUTTA {
         L::splat(token, model.step) / dot(v, v).sqrt()
     } else {
         L::splat(token, model.step)
     };
-    for axis in 0..3 {
-        p[axis].store(&mut lanes.p[axis]);
-        v[axis].store(&mut lanes.v[axis]);
-        a[axis].store(&mut lanes.a[axis]);
-    }
+    store3(p, &mut lanes.p);
+    store3(v, &mut lanes.v);
+    store3(a, &mut lanes.a);
     energy.store(&mut lanes.energy);
     frequency.store(&mut lanes.frequency);
     h.store(&mut lanes.h);
     detail.store(&mut lanes.detail);
+}
+
+/// Observes every end in the model `M`.
+#[inline(always)]
+fn observe_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Course<T>, ends: &mut Ends<T>) {
+    let model = course.model;
+    let (x, p, energy) = (load3(token, &ends.x), load3(token, &ends.p), L::load(token, &ends.energy));
+    let (sense, parameter) = (L::load(token, &ends.sense), L::load(token, &ends.parameter));
+    let (direction, frequency, _) = M::observe::<L>(token, model, x, p, energy, sense, parameter);
+    store3(direction, &mut ends.direction);
+    frequency.store(&mut ends.frequency);
+    M::far_frequency::<L>(token, model, p, energy).store(&mut ends.far_frequency);
+    if matches!(M::KIND.class(), Class::Metric) {
+        let (diagonal, mixed) = M::frame::<L>(token, model, x);
+        store3(diagonal, &mut ends.frame_diagonal);
+        store3(mixed, &mut ends.frame_mixed);
+    }
 }
 
 /// Steps every lane once through the model `M`.
@@ -403,12 +207,10 @@ fn integrate_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, cour
     detail.store(&mut next.detail);
     error.store(&mut next.error);
     stray.store(&mut next.stray);
-    for axis in 0..3 {
-        moved.x[axis].store(&mut next.x[axis]);
-        moved.p[axis].store(&mut next.p[axis]);
-        moved.v[axis].store(&mut next.v[axis]);
-        moved.a[axis].store(&mut next.a[axis]);
-    }
+    store3(moved.x, &mut next.x);
+    store3(moved.p, &mut next.p);
+    store3(moved.v, &mut next.v);
+    store3(moved.a, &mut next.a);
     L::bits(captured)
 }
 
@@ -453,7 +255,7 @@ pub fn integrate_alone<T: Scalar>(course: &Course<T>, functions: &PointFunctions
 #[inline(always)]
 pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Course<T>, lanes: &mut Lanes<T>, live: u32) -> Masks {
     let (scene, model) = (course.scene, course.model);
-    let zero = L::constant(token, 0.0);
+    let (zero, one) = (L::constant(token, 0.0), L::constant(token, 1.0));
     let fixed = fixed_step(scene, model);
     let flight = lanes.flight::<L>(token);
     let h = L::load(token, &lanes.h);
@@ -463,12 +265,12 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
         Flight { x: load3(token, &next.x), p: load3(token, &next.p), v: load3(token, &next.v), a: load3(token, &next.a) };
     let error = L::load(token, &next.error);
     let cone = L::load(token, &lanes.spread).mul_add(length, L::load(token, &lanes.width));
-    let size = flight.x[0].max(-flight.x[0]).max(flight.x[1].max(-flight.x[1])).max(flight.x[2].max(-flight.x[2]));
-    let floor = size * L::constant(token, T::TOLERANCE_FLOOR);
-    let cap = L::load(token, &lanes.detail) * L::constant(token, DETAIL_TOLERANCE);
-    let tolerance = (cone * L::constant(token, f64::from(scene.tolerance))).min(cap).max(floor);
+    let tolerance = course.tolerance(token, flight.x, cone, L::load(token, &lanes.detail));
     let good = error.lt(tolerance);
     let mut accepted = if fixed { u32::MAX } else { L::bits(good) };
+
+    let margin = step_margin(token, error, tolerance);
+    let ideal = h.max(-h) * margin;
 
     // Choose the next step length, inside what the model allows at the place it starts from.
     let straight = scene.method == METHOD_EULER && course.kind.class() == Class::Medium;
@@ -476,7 +278,9 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
     let mut next_h = if fixed {
         if scene.method == METHOD_RUNGE_KUTTA { L::splat(token, model.step) / speed } else { h }
     } else {
-        let proposed = h * step_factor(token, error, tolerance);
+        let before = L::load(token, &lanes.ideal);
+        let trend = L::select(zero.lt(before), ideal / before, one);
+        let proposed = h * step_factor(token, margin, L::select(good, trend, one));
         L::select(good, proposed.min(L::load(token, &next.safe) / speed), proposed)
     };
 
@@ -508,24 +312,37 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
     if occupied != 0 {
         // Where something may be met, the way between the ends must be as exact as they are, and as the hits: these are single.
         let stray = L::load(token, &next.stray);
-        let allowed = tolerance.max(size * L::constant(token, TOLERANCE_FLOOR_F32));
+        let allowed = tolerance.max(largest_coordinate(flight.x) * L::constant(token, TOLERANCE_FLOOR_F32));
         let strays = if fixed { 0 } else { L::bits(allowed.lt(stray)) & occupied };
         if strays != 0 {
-            next_h = L::select(L::mask(token, strays), h * step_factor(token, stray, allowed), next_h);
+            let shorter = h * step_factor(token, step_margin(token, stray, allowed), one);
+            next_h = L::select(L::mask(token, strays), shorter, next_h);
             accepted &= !strays;
             occupied &= !strays;
             met = occupied;
         }
-        let piece = cut_span(token, &curve, from, to, cone * L::constant(token, f64::from(scene.chord_tolerance)));
-        let prepared = slabs(token, &piece);
-        if scene.far_root == 0 {
-            met &= meets_root(token, &course.view, &prepared);
-        }
-        next.pieces.store(&piece, &prepared);
+        met &= prepare_pieces(token, course, &curve, (from, to), cone, &mut next.pieces);
     }
+    ideal.store(&mut next.ideal);
     next_h.store(&mut next.h);
     travelled.store(&mut next.travelled);
     from.store(&mut next.from);
     to.store(&mut next.to);
     Masks { accepted, occupied, met, outside: L::bits(outside), crossed }
+}
+
+/// Cuts the spans of curves into chords and prepares them for traversal; returns the lanes that may meet a child of the scene's root.
+#[inline(always)]
+pub fn prepare_pieces<L: Lane<Real = T>, T: Scalar>(
+    token: L::Token,
+    course: &Course<T>,
+    curve: &Curve<L>,
+    (from, to): (L, L),
+    cone: L,
+    pieces: &mut Pieces<T>,
+) -> u32 {
+    let piece = cut_span(token, curve, from, to, cone * L::constant(token, f64::from(course.scene.chord_tolerance)));
+    let prepared = slabs(token, &piece);
+    pieces.store(&piece, &prepared);
+    if course.scene.far_root == 0 { meets_root(token, &course.view, &prepared) } else { u32::MAX }
 }
