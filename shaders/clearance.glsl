@@ -31,22 +31,20 @@ Curve grid_curve(Curve curve) {
     return Curve((curve.start - SCENE.grid_focus) * scale, curve.c1 * scale, curve.c2 * scale, curve.c3 * scale, curve.chords, curve.inflation);
 }
 
-vec2 occupied_span(Curve curve) {
+vec2 occupied_span(Curve curve, float room, out float end_room) {
     vec3 inner = curve.c1 + curve.c2;
     vec3 chord = inner + curve.c3;
     float first_length = length(curve.c1);
     float last_length = length(inner + curve.c2 + curve.c3 * 3.0);
-    float polygon = first_length + last_length + length(chord);
-    if (clearance_at(curve.start + chord * 0.5) >= 0.5 * polygon) {
+    float half_polygon = 0.5 * (first_length + last_length + length(chord));
+    float middle = clearance_at(curve.start + chord * 0.5);
+    if (middle >= half_polygon) {
+        end_room = middle - half_polygon;
         return vec2(1.0, 1.0);
     }
     float rate = 1.0 / max(max(first_length, length(inner)), last_length);
-    float from = 0.0, to = 1.0;
-    for (uint i = 0; i < MARCH_STEPS; ++i) {
-        float gain = clearance_at(curve_point(curve, from)) * rate;
-        from = gain < MARCH_GAIN ? from : min(from + gain, 1.0);
-        float loss = clearance_at(curve_point(curve, to)) * rate;
-        to = loss < MARCH_GAIN ? to : to - loss;
-    }
-    return vec2(from, max(to, from));
+    end_room = clearance_at(curve_point(curve, 1.0));
+    float gain = room * rate, loss = end_room * rate;
+    float from = gain < LEAST_GAIN ? 0.0 : min(gain, 1.0);
+    return vec2(from, loss < LEAST_GAIN ? 1.0 : max(1.0 - loss, from));
 }

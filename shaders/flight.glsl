@@ -214,6 +214,8 @@ void advance(uint slot) {
     real piece = real(0.0);
     // Length with which the last step would just have met its tolerance; not kept from round to round.
     real ideal = real(0.0);
+    // Lower bound of the clearance where the ray is.
+    float room = 0.0;
     for (uint iteration = 0; iteration < ITERATIONS && launched; ++iteration) {
         moved = flight;
         float cone = spread * float(ray.len) + width;
@@ -293,7 +295,8 @@ void advance(uint slot) {
             vec3 tangent0 = euler ? end - start : vec3(flight.v) * float(ray.h);
             vec3 tangent1 = euler ? end - start : vec3(moved.v) * float(ray.h);
             Curve whole = hermite(start, end, tangent0, tangent1);
-            span = occupied_span(grid_curve(whole));
+            float end_room;
+            span = occupied_span(grid_curve(whole), room, end_room);
             look = span.x < span.y;
             real allowed = max(tolerance, largest_coordinate(ray.x) * TOLERANCE_FLOOR_F32);
             if (look && !fixed_step && allowed < stray) {
@@ -301,6 +304,7 @@ void advance(uint slot) {
                 accepted = false;
                 again = ray.h * step_factor(step_margin(stray, allowed), real(1.0));
             }
+            room = accepted && !crossing ? end_room : room;
             curve = cut_span(whole, span.x, span.y, SCENE.chord_tolerance * cone);
         }
         if (!accepted) {
@@ -350,6 +354,7 @@ void advance(uint slot) {
             flight = rate_at(charge, ray.x, ray.p, ray.parameter);
             ray.h *= speed / sqrt(dot(flight.v, flight.v));
             ray.side ^= 1u;
+            room = 0.0;
             before = stops ? stop_distance(ray.x, ray.len, ray.parameter) : real(0.0);
         }
 #endif

@@ -3,8 +3,9 @@
 float intersect_sphere(vec3 origin, vec3 direction, vec3 center, float radius, float t_max) {
     vec3 f = origin - center;
     float a = dot(direction, direction);
+    float inverse_a = 1.0 / a;
     float b = -dot(f, direction);
-    vec3 nearest = f + direction * (b / a);
+    vec3 nearest = f + direction * (b * inverse_a);
     float discriminant = radius * radius - dot(nearest, nearest);
     if (discriminant < 0.0) {
         return -1.0;
@@ -12,8 +13,8 @@ float intersect_sphere(vec3 origin, vec3 direction, vec3 center, float radius, f
     float c = dot(f, f) - radius * radius;
     float root = sqrt(a * discriminant);
     float q = b < 0.0 ? b - root : b + root;
-    float near = min(c / q, q / a);
-    float far = max(c / q, q / a);
+    float first = c / q, second = q * inverse_a;
+    float near = min(first, second), far = max(first, second);
     float t = near > 0.0 ? near : far;
     return t > 0.0 && t < t_max ? t : -1.0;
 }

@@ -86,12 +86,13 @@ pub fn grid_length<L: Lane>(v: [L; 3]) -> L {
     dot(v, v).sqrt()
 }
 
-/// The span (from, to) of the curve parameter outside which nothing can be met; empty (from >= to) if that is everywhere.
+/// The span (from, to) of the curve parameter outside which nothing can be met, empty (from >= to) if that is everywhere, and a lower
+/// bound of the clearance at the end; `room` is one of that at the start.
 ///
-/// First the middle: all of a curve lies within half its control polygon of the middle of its chord. Then a march from
-/// both ends: at every point the curve may go on by the clearance there before it can meet anything.
+/// First the middle: all of a curve lies within half its control polygon of the middle of its chord. Then both ends: from there the curve
+/// may go on by the clearance before it can meet anything.
 #[inline(always)]
-pub fn occupied_span<L: Lane>(token: L::Token, view: &SceneView, curve: &Curve<L>, wanted: u32) -> (L, L) {
+pub fn occupied_span<L: Lane>(token: L::Token, view: &SceneView, curve: &Curve<L>, room: L, wanted: u32) -> (L, L, L) {
     let (zero, one) = (L::constant(token, 0.0), L::constant(token, 1.0));
     let half = L::constant(token, 0.5);
     let inner = along(curve.c1, curve.c2, one);
@@ -103,16 +104,13 @@ pub fn occupied_span<L: Lane>(token: L::Token, view: &SceneView, curve: &Curve<L
     let middle = clearance_at(token, view, along(curve.start, chord, half));
     let blocked = middle.lt(half * polygon);
     if L::bits(blocked) & wanted == 0 {
-        return (one, one);
+        return (one, one, (middle - half * polygon).max(zero));
     }
     let rate = one / first_length.max(grid_length(inner)).max(last_length);
-    let least = L::constant(token, f64::from(MARCH_GAIN));
-    let (mut from, mut to) = (zero, one);
-    for _ in 0..MARCH_STEPS {
-        let gain = clearance_at(token, view, curve_point(curve, from)) * rate;
-        from = L::select(gain.lt(least), from, (from + gain).min(one));
-        let loss = clearance_at(token, view, curve_point(curve, to)) * rate;
-        to = L::select(loss.lt(least), to, to - loss);
-    }
-    (L::select(blocked, from, one), to.max(from))
+    let least = L::constant(token, f64::from(LEAST_GAIN));
+    let end_room = clearance_at(token, view, curve_point(curve, one));
+    let (gain, loss) = (room * rate, end_room * rate);
+    let from = L::select(gain.lt(least), zero, gain.min(one));
+    let to = L::select(loss.lt(least), one, (one - loss).max(from));
+    (L::select(blocked, from, one), to, end_room)
 }

@@ -131,8 +131,6 @@ constants! {
         ALBEDO_SIZE = 32;
         /// Most chords one integration step is cut into.
         MAX_CHORDS = 32;
-        /// Most clearance lookups from each end of a step.
-        MARCH_STEPS = 2;
         /// Levels of the clearance grid, each half as large as the one before.
         GRID_LEVELS = 4;
         /// 2^24: the film's fixed-point unit is 2^-24.
@@ -181,8 +179,8 @@ constants! {
         TRIANGLE_SLACK = 5e-7;
         /// Share by which a chord reaches past its end, so that no gap opens between chords.
         CHORD_SLACK = 1e-6;
-        /// Smallest share of a step that a clearance lookup must gain to go on marching.
-        MARCH_GAIN = 0.2;
+        /// Smallest share of a step that is worth cutting off at an end.
+        LEAST_GAIN = 0.2;
         /// Range of the table of black bodies (kelvin).
         BLACK_BODY_MIN = 500.0;
         BLACK_BODY_MAX = 100000.0;

@@ -10,8 +10,9 @@ use glam::{Vec2, Vec3, vec2, vec3};
 pub fn intersect_sphere(origin: Vec3, direction: Vec3, center: Vec3, radius: f32, t_max: f32) -> f32 {
     let f = origin - center;
     let a = direction.dot(direction);
+    let inverse_a = 1.0 / a;
     let b = -f.dot(direction);
-    let nearest = f + direction * (b / a);
+    let nearest = f + direction * (b * inverse_a);
     let discriminant = radius * radius - nearest.dot(nearest);
     if discriminant < 0.0 {
         return -1.0;
@@ -19,8 +20,8 @@ pub fn intersect_sphere(origin: Vec3, direction: Vec3, center: Vec3, radius: f32
     let c = f.dot(f) - radius * radius;
     let root = (a * discriminant).sqrt();
     let q = if b < 0.0 { b - root } else { b + root };
-    let near = (c / q).min(q / a);
-    let far = (c / q).max(q / a);
+    let (first, second) = (c / q, q * inverse_a);
+    let (near, far) = (first.min(second), first.max(second));
     let t = if near > 0.0 { near } else { far };
     if t > 0.0 && t < t_max { t } else { -1.0 }
 }

@@ -48,7 +48,7 @@ pub trait Lane: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Se
     fn atan(self) -> Self;
     /// Largest whole number not above each lane.
     fn floor(self) -> Self;
-    /// Entries of `table` at the whole numbers in the lanes, which must be valid indices.
+    /// Entries of `table` at the whole numbers in the lanes, which must be indices of it and below 2^24. Panics if one is not.
     fn gather(self, table: &[u8]) -> Self;
     /// Smaller of two.
     fn min(self, other: Self) -> Self;
@@ -298,10 +298,15 @@ macro_rules! register_lane {
             #[inline(always)]
             fn gather(self, table: &[u8]) -> Self {
                 let token = fearless_simd::ExtractToken::token(&self);
+                // Whole numbers are exact in either precision up to here.
+                let length = SimdBase::splat(token, table.len().min(1 << 24) as $real);
+                let valid = Self::both(Lane::lt(self, length), Lane::lt(SimdBase::splat(token, -1.0), self));
+                assert!(Self::bits(valid) == (1 << $lanes) - 1, "an index beyond a table");
                 let mut entries = [0; $lanes];
                 $integers::truncate_from(self).store_slice(&mut entries);
                 for entry in &mut entries {
-                    *entry = table[*entry as usize].into();
+                    // SAFETY: all lanes were seen to be at least 0, when truncated, and below the length.
+                    *entry = unsafe { *table.get_unchecked(*entry as usize) }.into();
                 }
                 Self::float_from($integers::from_slice(token, &entries))
             }

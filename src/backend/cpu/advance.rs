@@ -498,6 +498,7 @@ impl<T: Scalar> Waiting<T> {
     ) {
         let lanes = &mut self.lanes;
         let zero = L::constant(simd, 0.0);
+        zero.store(&mut lanes.room);
         let (x, d) = (load3(simd, &lanes.x), load3(simd, &lanes.p));
         let radius = L::constant(simd, f64::from(course.scene.region_radius));
         let entry = enter_sphere(simd, x, d, splat3(simd, region_center(course)), radius);
@@ -509,7 +510,8 @@ impl<T: Scalar> Waiting<T> {
         let way = (entry * L::constant(simd, 1.0 + T::REGION_MARGIN)).max(zero);
         let across = [d[0] * way, d[1] * way, d[2] * way];
         let curve = Curve { start: x, c1: across, c2: [zero; 3], c3: [zero; 3], chords: L::constant(simd, 1.0), inflation: zero };
-        let (from, to) = occupied_span(simd, &course.view, &grid_curve(simd, &course.view, &curve), entering);
+        let (from, to, end_room) = occupied_span(simd, &course.view, &grid_curve(simd, &course.view, &curve), zero, entering);
+        L::select(zero.lt(entry), end_room, zero).store(&mut lanes.room);
         let occupied = L::bits(from.lt(to)) & entering;
         let mut met = 0;
         if occupied != 0 {

@@ -39,6 +39,8 @@ pub struct Lanes<T> {
     pub detail: Row<T>,
     /// Lengths with which the last steps would just have met their tolerance, in the model's parameter; 0 before the first.
     pub ideal: Row<T>,
+    /// Lower bounds of the clearance, in cells of the coarsest level of the grid.
+    pub room: Row<T>,
     /// Coordinate lengths so far.
     pub length: Row<T>,
     /// Signed distances from where the rays are to stop: negative before it.
@@ -81,6 +83,8 @@ pub struct Next<T> {
     pub h: Row<T>,
     /// Coordinate lengths of the steps.
     pub travelled: Row<T>,
+    /// Lower bounds of the clearance there.
+    pub room: Row<T>,
     /// Where geometry may be met first along each step.
     pub from: Row<T>,
     /// Where it may be met last.
@@ -179,7 +183,7 @@ impl<T: Scalar> Lanes<T> {
                 L::select(moves, L::load(token, moved), hidden(row)).store(row);
             }
         }
-        for (row, moved) in [(&mut self.detail, &next.detail), (&mut self.ideal, &next.ideal)] {
+        for (row, moved) in [(&mut self.detail, &next.detail), (&mut self.ideal, &next.ideal), (&mut self.room, &next.room)] {
             L::select(moves, L::load(token, moved), hidden(row)).store(row);
         }
         for (row, gain) in [(&mut self.parameter, &self.h), (&mut self.length, &next.travelled)] {
@@ -207,6 +211,7 @@ impl<T: Scalar> Lanes<T> {
         self.spread[to] = other.spread[from];
         self.detail[to] = other.detail[from];
         self.ideal[to] = T::from_f64(0.0);
+        self.room[to] = other.room[from];
         self.length[to] = other.length[from];
         self.until[to] = other.until[from];
         self.index[to] = other.index[from];

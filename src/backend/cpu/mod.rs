@@ -265,7 +265,10 @@ impl<T: Advance> Shared<'_, T> {
         let stages = self.stages;
         let mut clock = StageClock::new();
         scratch.paths.clear();
-        dispatch!(self.level, _simd => scratch.paths.extend(pixels.iter().map(#[inline(always)] |&(x, y)| start_path(view, x, y, sample))));
+        // A loop, because what iterators are handed is not compiled for the registers at hand.
+        dispatch!(self.level, _simd => for &(x, y) in pixels {
+            scratch.paths.push(start_path(view, x, y, sample));
+        });
         clock.lap(&stages.generate, None);
         let mut bounce = 0;
         let mut active: Vec<u32> = (0..pixels.len() as u32).collect();

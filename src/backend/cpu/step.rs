@@ -305,7 +305,8 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
         (along(none, flight.v, h), along(none, moved.v, h))
     };
     let curve = hermite(token, flight.x, moved.x, tangent0, tangent1);
-    let (from, to) = occupied_span(token, &course.view, &grid_curve(token, &course.view, &curve), live & accepted);
+    let room = L::load(token, &lanes.room);
+    let (from, to, end_room) = occupied_span(token, &course.view, &grid_curve(token, &course.view, &curve), room, live & accepted);
     let next = &mut lanes.next;
     let mut occupied = L::bits(from.lt(to)) & live & accepted;
     let mut met = occupied;
@@ -324,6 +325,7 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
         met &= prepare_pieces(token, course, &curve, (from, to), cone, &mut next.pieces);
     }
     ideal.store(&mut next.ideal);
+    end_room.store(&mut next.room);
     next_h.store(&mut next.h);
     travelled.store(&mut next.travelled);
     from.store(&mut next.from);
