@@ -34,15 +34,14 @@ Curve grid_curve(Curve curve) {
 vec2 occupied_span(Curve curve, float room, out float end_room) {
     vec3 inner = curve.c1 + curve.c2;
     vec3 chord = inner + curve.c3;
-    float first_length = length(curve.c1);
-    float last_length = length(inner + curve.c2 + curve.c3 * 3.0);
-    float half_polygon = 0.5 * (first_length + last_length + length(chord));
+    vec3 legs = vec3(length(curve.c1), length(inner), length(inner + curve.c2 + curve.c3 * 3.0));
+    float half_polygon = (legs.x + legs.y + legs.z) * ((1.0 + CHORD_SLACK) / 6.0);
     float middle = clearance_at(curve.start + chord * 0.5);
     if (middle >= half_polygon) {
         end_room = middle - half_polygon;
         return vec2(1.0, 1.0);
     }
-    float rate = 1.0 / max(max(first_length, length(inner)), last_length);
+    float rate = 1.0 / max(max(legs.x, legs.y), legs.z);
     end_room = clearance_at(curve_point(curve, 1.0));
     float gain = room * rate, loss = end_room * rate;
     float from = gain < LEAST_GAIN ? 0.0 : min(gain, 1.0);

@@ -1,6 +1,6 @@
 // A ray's flight through a bending model: straight up to the region, steps inside it, straight or along the asymptote behind it.
 // The loop of the steps holds nothing else: what only few rays of a subgroup do there, all of them wait for. Twin of
-// src/backend/cpu/advance.rs.
+// src/backend/cpu/{advance,step,edges}.rs.
 
 // The integrator, and whether rays are traced on their own, are known when the pipeline is built.
 layout(constant_id = 1) const uint METHOD = METHOD_RUNGE_KUTTA;
@@ -212,9 +212,9 @@ void advance(uint slot) {
     bool leaving = false, look = false;
     vec2 span = vec2(0.0, 1.0);
     real piece = real(0.0);
-    // Length with which the last step would just have met its tolerance; not kept from round to round.
+    // Not kept from round to round: the length with which the last step would just have met its tolerance, or 0, and a lower bound of the
+    // clearance where the ray is.
     real ideal = real(0.0);
-    // Lower bound of the clearance where the ray is.
     float room = 0.0;
     for (uint iteration = 0; iteration < ITERATIONS && launched; ++iteration) {
         moved = flight;
@@ -304,7 +304,7 @@ void advance(uint slot) {
                 accepted = false;
                 again = ray.h * step_factor(step_margin(stray, allowed), real(1.0));
             }
-            room = accepted && !crossing ? end_room : room;
+            room = accepted ? end_room : room;
             curve = cut_span(whole, span.x, span.y, SCENE.chord_tolerance * cone);
         }
         if (!accepted) {
@@ -338,7 +338,7 @@ void advance(uint slot) {
         safe_step(ray.x, safe, detail);
         if (!fixed_step) {
             real ideal_before = ideal;
-            ideal = abs(ray.h) * margin;
+            ideal = margin < MOST_MARGIN && !crossing ? abs(ray.h) * margin : real(0.0);
             real trend = real(0.0) < ideal_before ? ideal / ideal_before : real(1.0);
             ray.h = min(ray.h * step_factor(margin, trend), safe / speed);
         } else if (METHOD == METHOD_RUNGE_KUTTA) {
@@ -355,6 +355,7 @@ void advance(uint slot) {
             ray.h *= speed / sqrt(dot(flight.v, flight.v));
             ray.side ^= 1u;
             room = 0.0;
+            ideal = real(0.0);
             before = stops ? stop_distance(ray.x, ray.len, ray.parameter) : real(0.0);
         }
 #endif

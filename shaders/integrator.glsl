@@ -148,7 +148,7 @@ real enter_sphere(real3 x, real3 d, real3 center, real radius) {
     if (real(0.0) < b || discriminant < real(0.0)) {
         return real(-1.0);
     }
-    return -b - sqrt(discriminant / dot(d, d));
+    return max(-b - sqrt(discriminant / dot(d, d)), real(0.0));
 }
 
 void invert_through(inout real3 x, inout real3 p, real throat) {

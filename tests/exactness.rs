@@ -1,5 +1,5 @@
 //! Where camera rays end: every scene as it stands, in single precision, against a tolerance a hundred times smaller in double
-//! precision. 99% of the rays must end within a quarter of a pixel.
+//! precision. 99% of the rays must end within a quarter of a pixel, but for those of a few scenes.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod support;
@@ -27,10 +27,10 @@ const LOOSER: [(&str, f64, &str); 6] = [
     ("kerr-newman", 1.9, "light around a nearly extremal hole"),
     ("dneg", 1.6, "light around the mouth of a long throat"),
     ("mirage", 0.55, "kinks between layers"),
-    ("rossler", 3.9, "chaos"),
+    ("rossler", 5.0, "chaos"),
 ];
 
-/// Share of a scene's camera rays that may end elsewhere: on another primitive or triangle far off, in the sky, in a hole.
+/// Share of a scene's camera rays that may end in another way (at a surface, in the sky, in a hole) or on the other side.
 const MOST_ELSEWHERE: f64 = 0.01;
 
 /// Fewer pixels than these say nothing about a scene, fewer scenes nothing about the program.

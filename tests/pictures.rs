@@ -8,8 +8,9 @@ use nullray::backend::cpu::CpuBackend;
 use nullray::backend::{Backend, Precision};
 use nullray::film::compare::{Thresholds, compare};
 use nullray::film::{Film, luminance};
-use nullray::kernels::bvh::{EMPTY_STACK, Hit, closest_hit, slabs, straight};
+use nullray::kernels::bvh::{EMPTY_STACK, Hit, closest_hit, hit_position, slabs, straight};
 use nullray::kernels::camera::sample_filter;
+use nullray::kernels::clearance::clearance_at;
 use nullray::kernels::constants::{FILTER_BOX, NO_INDEX, STATUS_CAPTURED, STATUS_ESCAPED, STATUS_HIT};
 use nullray::kernels::material::{Bsdf, evaluate_bsdf, sample_bsdf};
 use nullray::kernels::path::black_body;
@@ -634,4 +635,44 @@ fn bvh_equals_brute_force() {
         assert!(same, "ray {k}: {} against {best}", hit.t);
     }
     assert!(hits > 1500, "{hits}");
+}
+
+/// A random point of a box that holds most of the benchmark scene.
+fn scene_point(k: u32) -> glam::Vec3 {
+    let (a, b) = (random_pair(5, 0, k), random_pair(5, 1, k));
+    glam::vec3(14.0 * a.x - 7.0, 7.0 * a.y - 1.0, 14.0 * b.x - 7.0)
+}
+
+/// No surface is nearer to a point than the clearance grid says, on any level and beyond the region.
+#[test]
+fn clearance_is_a_lower_bound() {
+    let hole = ["spacetime.kind=schwarzschild", "spacetime.mass=0.1", "spacetime.position=[0.9, 2.0, 1.2]"];
+    let center = ["spacetime.kind=gravity", "spacetime.center=[{ position = [0.9, 2.0, 1.2], strength = 0.3, radius = 2 }]"];
+    for set in [&hole[..], &center] {
+        let world: World = asset_world("benchmark.toml", set);
+        let view = world.view();
+        let mut stack = EMPTY_STACK;
+        // Where random rays meet surfaces.
+        let surface_point = |k: u32| {
+            let (origin, target) = (scene_point(k), scene_point(k + 1));
+            let (ray, mut hit) = (straight(origin, (target - origin).normalize()), Hit::none(1e30));
+            nullray::dispatch!(fearless_simd::Level::new(), simd => {
+                closest_hit(simd, &view, &ray, &slabs((), &ray), 0, &mut stack, &mut hit)
+            });
+            (hit.primitive != NO_INDEX).then(|| hit_position(&ray, hit.t))
+        };
+        let surfaces: Vec<glam::Vec3> = (0..4000).filter_map(surface_point).collect();
+        assert!(surfaces.len() > 2000, "{}", surfaces.len());
+        let (mut clear, mut free) = (0.0, 0.0);
+        for point in (10_000..12_000).map(scene_point) {
+            let nearest = surfaces.iter().map(|s| s.distance(point)).fold(f32::INFINITY, f32::min);
+            let focus = glam::Vec3::from(world.scene.grid_focus);
+            let position = ((point - focus) * world.scene.grid_inverse_cell).to_array();
+            let clearance = clearance_at::<f32>((), &view, position) / world.scene.grid_inverse_cell;
+            assert!(clearance <= nearest, "{point}: {clearance} is clear, something is {nearest} away");
+            clear += clearance;
+            free += nearest;
+        }
+        assert!(clear > 0.1 * free, "of {free} only {clear} is known to be clear");
+    }
 }

@@ -87,30 +87,30 @@ pub fn grid_length<L: Lane>(v: [L; 3]) -> L {
 }
 
 /// The span (from, to) of the curve parameter outside which nothing can be met, empty (from >= to) if that is everywhere, and a lower
-/// bound of the clearance at the end; `room` is one of that at the start.
+/// bound of the clearance at the end; `room` is one of that at the start. What a lane gets does not depend on the others.
 ///
 /// First the middle: all of a curve lies within half its control polygon of the middle of its chord. Then both ends: from there the curve
 /// may go on by the clearance before it can meet anything.
 #[inline(always)]
 pub fn occupied_span<L: Lane>(token: L::Token, view: &SceneView, curve: &Curve<L>, room: L, wanted: u32) -> (L, L, L) {
     let (zero, one) = (L::constant(token, 0.0), L::constant(token, 1.0));
-    let half = L::constant(token, 0.5);
     let inner = along(curve.c1, curve.c2, one);
     let chord = along(inner, curve.c3, one);
     let end_tangent = along(along(inner, curve.c2, one), curve.c3, L::constant(token, 3.0));
-    let first_length = grid_length(curve.c1);
-    let last_length = grid_length(end_tangent);
-    let polygon = first_length + last_length + grid_length(chord);
-    let middle = clearance_at(token, view, along(curve.start, chord, half));
-    let blocked = middle.lt(half * polygon);
+    // Three times the legs of the control polygon, which are also the control points of the derivative.
+    let legs = [grid_length(curve.c1), grid_length(inner), grid_length(end_tangent)];
+    let half_polygon = (legs[0] + legs[1] + legs[2]) * L::constant(token, (1.0 + f64::from(CHORD_SLACK)) / 6.0);
+    let middle = clearance_at(token, view, along(curve.start, chord, L::constant(token, 0.5)));
+    let blocked = middle.lt(half_polygon);
+    let beside = (middle - half_polygon).max(zero);
     if L::bits(blocked) & wanted == 0 {
-        return (one, one, (middle - half * polygon).max(zero));
+        return (one, one, beside);
     }
-    let rate = one / first_length.max(grid_length(inner)).max(last_length);
+    let rate = one / legs[0].max(legs[1]).max(legs[2]);
     let least = L::constant(token, f64::from(LEAST_GAIN));
     let end_room = clearance_at(token, view, curve_point(curve, one));
     let (gain, loss) = (room * rate, end_room * rate);
     let from = L::select(gain.lt(least), zero, gain.min(one));
     let to = L::select(loss.lt(least), one, (one - loss).max(from));
-    (L::select(blocked, from, one), to, end_room)
+    (L::select(blocked, from, one), to, L::select(blocked, end_room, beside))
 }

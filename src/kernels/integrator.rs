@@ -114,8 +114,6 @@ pub struct PointFunctions<T> {
     pub launch: fn((), &ModelBlock<T>, [T; 3], [T; 3], T, T) -> ([T; 3], T, T),
     /// [`Model::observe`].
     pub observe: fn((), &ModelBlock<T>, [T; 3], [T; 3], T, T, T) -> ([T; 3], T, T),
-    /// [`Model::frame`].
-    pub frame: fn((), &ModelBlock<T>, [T; 3]) -> ([T; 3], [T; 3]),
     /// [`Model::far_frequency`].
     pub far_frequency: fn((), &ModelBlock<T>, [T; 3], T) -> T,
     /// [`Model::matter_frequency`].
@@ -146,7 +144,6 @@ impl<T: Lane<Real = T, Mask = bool, Token = ()>> PointFunctions<T> {
             rate: M::rate::<T>,
             launch: M::launch::<T>,
             observe: M::observe::<T>,
-            frame: M::frame::<T>,
             far_frequency: M::far_frequency::<T>,
             matter_frequency: M::matter_frequency::<T>,
             capture_distance: M::capture_distance::<T>,
@@ -205,7 +202,7 @@ pub fn rate_at<M: Model, L: Lane>(
 /// Force of a medium, which depends on the position only.
 #[inline(always)]
 pub fn nystrom_force<M: Model, L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, charge: &Charge<L>, x: [L; 3], p: [L; 3]) -> [L; 3] {
-    rate_at::<M, L>(token, model, charge, x, p, charge.energy).a
+    rate_at::<M, L>(token, model, charge, x, p, L::constant(token, 0.0)).a
 }
 
 /// One RKN4(3) step of length `h` through a medium, whose force depends on the position only; returns the new state and the local
@@ -410,8 +407,10 @@ pub fn enter_sphere<L: Lane>(token: L::Token, x: [L; 3], d: [L; 3], center: [L; 
     let b = dot(f, d) / dot(d, d);
     let nearest = along(f, d, -b);
     let discriminant = radius * radius - dot(nearest, nearest);
-    let entry = -b - (discriminant.max(zero) / dot(d, d)).sqrt();
-    let missed = L::select(zero.lt(b), L::constant(token, -1.0), L::select(discriminant.lt(zero), L::constant(token, -1.0), entry));
+    // Rounding must not make an entry just ahead a miss.
+    let entry = (-b - (discriminant.max(zero) / dot(d, d)).sqrt()).max(zero);
+    let miss = L::constant(token, -1.0);
+    let missed = L::select(zero.lt(b), miss, L::select(discriminant.lt(zero), miss, entry));
     L::select(inside, zero, missed)
 }
 

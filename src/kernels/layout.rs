@@ -1,4 +1,4 @@
-//! Structures both backends read, laid out as std430. Twin of `shaders/layout.glsl`; `tests/layout.rs` compares the offsets.
+//! Structures both backends read, laid out as std430. Twin of `shaders/layout.glsl`; `tests/structure.rs` compares the offsets.
 //!
 //! Every three-vector is followed by a scalar that means something, so there is no padding.
 

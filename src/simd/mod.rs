@@ -190,6 +190,7 @@ macro_rules! scalar_lane {
             }
             #[inline(always)]
             fn gather(self, table: &[u8]) -> Self {
+                assert!(self >= 0.0, "an index beyond a table");
                 $real::from(table[self as usize])
             }
             #[inline(always)]
@@ -300,12 +301,12 @@ macro_rules! register_lane {
                 let token = fearless_simd::ExtractToken::token(&self);
                 // Whole numbers are exact in either precision up to here.
                 let length = SimdBase::splat(token, table.len().min(1 << 24) as $real);
-                let valid = Self::both(Lane::lt(self, length), Lane::lt(SimdBase::splat(token, -1.0), self));
-                assert!(Self::bits(valid) == (1 << $lanes) - 1, "an index beyond a table");
+                let (below, negative) = (Lane::lt(self, length), Lane::lt(self, SimdBase::splat(token, 0.0)));
+                assert!(Self::bits(below) == (1 << $lanes) - 1 && Self::bits(negative) == 0, "an index beyond a table");
                 let mut entries = [0; $lanes];
                 $integers::truncate_from(self).store_slice(&mut entries);
                 for entry in &mut entries {
-                    // SAFETY: all lanes were seen to be at least 0, when truncated, and below the length.
+                    // SAFETY: all lanes were seen to be at least 0 and below the length.
                     *entry = unsafe { *table.get_unchecked(*entry as usize) }.into();
                 }
                 Self::float_from($integers::from_slice(token, &entries))

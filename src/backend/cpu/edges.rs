@@ -55,7 +55,7 @@ pub fn meet_rim<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>, la
                 (lanes.next.x[axis][i], lanes.next.v[axis][i], lanes.next.a[axis][i]) = (x[axis], v[axis], a[axis]);
             }
             lanes.next.travelled[i] = lanes.next.travelled[i] + T::from_f64(jump);
-            lanes.next.room[i] = T::from_f64(0.0);
+            (lanes.next.room[i], lanes.next.ideal[i]) = (T::from_f64(0.0), T::from_f64(0.0));
             crossing |= 1 << i;
         }
     }
@@ -136,7 +136,7 @@ pub fn cross_throat<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>
         (lanes.v[axis][i], lanes.a[axis][i]) = (v[axis], a[axis]);
     }
     lanes.side[i] ^= 1;
-    lanes.room[i] = T::from_f64(0.0);
+    (lanes.room[i], lanes.ideal[i]) = (T::from_f64(0.0), T::from_f64(0.0));
     lanes.until[i] = stop_distance(course, functions, x, lanes.length[i], lanes.parameter[i]);
 }
 

@@ -37,7 +37,7 @@ pub struct Lanes<T> {
     pub spread: Row<T>,
     /// Lengths by which the errors of the steps are measured.
     pub detail: Row<T>,
-    /// Lengths with which the last steps would just have met their tolerance, in the model's parameter; 0 before the first.
+    /// Lengths with which the last steps would just have met their tolerance, in the model's parameter; 0 where that is not known.
     pub ideal: Row<T>,
     /// Lower bounds of the clearance, in cells of the coarsest level of the grid.
     pub room: Row<T>,
@@ -77,13 +77,13 @@ pub struct Next<T> {
     pub safe: Row<T>,
     /// Lengths by which their errors are measured.
     pub detail: Row<T>,
-    /// Lengths with which the steps would just have met their tolerance.
+    /// Lengths with which the steps would just have met their tolerance, in the model's parameter; 0 where that is not known.
     pub ideal: Row<T>,
     /// Lengths of the next steps.
     pub h: Row<T>,
     /// Coordinate lengths of the steps.
     pub travelled: Row<T>,
-    /// Lower bounds of the clearance there.
+    /// Lower bounds of the clearance there, in cells of the coarsest level of the grid.
     pub room: Row<T>,
     /// Where geometry may be met first along each step.
     pub from: Row<T>,

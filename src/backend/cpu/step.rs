@@ -270,7 +270,7 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
     let mut accepted = if fixed { u32::MAX } else { L::bits(good) };
 
     let margin = step_margin(token, error, tolerance);
-    let ideal = h.max(-h) * margin;
+    let ideal = L::select(margin.lt(L::constant(token, MOST_MARGIN)), h.max(-h) * margin, zero);
 
     // Choose the next step length, inside what the model allows at the place it starts from.
     let straight = scene.method == METHOD_EULER && course.kind.class() == Class::Medium;
