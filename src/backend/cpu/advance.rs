@@ -515,7 +515,9 @@ impl<T: Scalar> Waiting<T> {
         let occupied = L::bits(from.lt(to)) & entering;
         let mut met = 0;
         if occupied != 0 {
-            met = occupied & prepare_pieces(simd, course, &curve, (from, to), L::load(simd, &lanes.width), &mut lanes.next.pieces);
+            // A straight way is its own chord, and needs next to no tolerance.
+            let thin = L::constant(simd, f64::from(MIN_DIRECTION));
+            met = occupied & prepare_pieces(simd, course, &curve, (from, to), thin, &mut lanes.next.pieces);
             stack.work.pass_root(occupied & !met);
         }
         from.store(&mut lanes.next.from);
