@@ -2,7 +2,8 @@
 """Milliseconds per sample of the linear benchmark scene in Mitsuba 3 (pip install mitsuba) beside nullray's CPU backend.
 
 Reads assets/scenes/benchmark.toml itself, so both render the same scene: one path per pixel, at most 8 scattering events, every
-core. Start-up and scene loading are taken out by timing two sample counts; the two programs take turns, and medians are printed.
+core. Start-up and scene loading are taken out by timing two sample counts; the two programs take turns, and medians are printed. With
+`--noise SECONDS` also what noise is left in either's picture (426x240) after that time.
 """
 
 import argparse
@@ -10,8 +11,11 @@ import json
 import pathlib
 import statistics
 import subprocess
+import tempfile
 import time
 import tomllib
+
+import numpy as np
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SIZES = {"1080p": (1920, 1080), "720p": (1280, 720), "480p": (854, 480), "240p": (426, 240)}
@@ -97,12 +101,55 @@ def time_nullray(program, size):
     return json.loads(output)["rows"][0]["ms_per_sample"]
 
 
+def srgb(linear):
+    """The sRGB curve of linear values, which are clamped to [0, 1]."""
+    v = np.clip(linear, 0, 1)
+    return np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)
+
+
+def noise(pair):
+    """Root of the mean square error of either of two independent pictures: linear, clamped to [0, 1], sRGB."""
+    ways = (lambda v: v, lambda v: np.clip(v, 0, 1), srgb)
+    return [float(np.sqrt(np.mean((way(pair[0]) - way(pair[1])) ** 2) / 2)) for way in ways]
+
+
+def mitsuba_pictures(file, seconds, mi, dr):
+    """Two pictures of about so many seconds each, and the samples of either."""
+    size = SIZES["240p"]
+    scene = mitsuba_scene(file, size, mi)
+    time_mitsuba(scene, mi, dr, (2, 4))
+    pictures, part, seed = [], 64, 100
+    for _ in range(2):
+        total, count, start = 0.0, 0, time.perf_counter()
+        while time.perf_counter() - start < seconds:
+            total = total + np.array(mi.render(scene, spp=part, seed=seed), dtype=np.float64)[..., :3]
+            count, seed = count + part, seed + 1
+        pictures.append(total * part / count)
+    return pictures, count
+
+
+def nullray_pictures(program, seconds, mi):
+    """The same by nullray, from sample numbers far apart."""
+    pictures = []
+    with tempfile.TemporaryDirectory() as folder:
+        for first in (0, 1_000_000):
+            out = f"{folder}/{first}.exr"
+            command = [program, "render", "assets/scenes/benchmark.toml", "--linear", "--backend", "cpu", "--size", "426x240"]
+            command += ["--time", str(seconds), "--spp", "1000000", "--first-sample", str(first), "-o", out, "--json"]
+            report = subprocess.run(command, check=True, capture_output=True, text=True, cwd=ROOT).stdout
+            root = dict(mi.Bitmap(out).split())["<root>"]
+            names = [root.struct_()[i].name for i in range(root.channel_count())]
+            pictures.append(np.array(root, dtype=np.float64)[..., [names.index(c) for c in "RGB"]])
+    return pictures, json.loads(report)["samples"]
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sizes", default="1080p,480p")
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--picture", help="also write Mitsuba's picture to this EXR, to compare")
+    parser.add_argument("--noise", type=float, metavar="SECONDS", help="also compare the noise after this time")
     arguments = parser.parse_args()
     import drjit as dr
     import mitsuba as mi
@@ -121,6 +168,13 @@ def main():
             own.append(time_nullray(program, size))
         a, b = statistics.median(peer), statistics.median(own)
         print(f"{size:8} {a:8.1f}  {b:8.1f}   {b / a:8.2f}", flush=True)
+    if arguments.noise:
+        print(f"noise after {arguments.noise:g} s  samples   linear  clamped     sRGB")
+        for name, (pair, count) in (
+            ("mitsuba", mitsuba_pictures(file, arguments.noise, mi, dr)),
+            ("nullray", nullray_pictures(program, arguments.noise, mi)),
+        ):
+            print(f"{name:18} {count:8}", "".join(f" {v:8.5f}" for v in noise(pair)), flush=True)
     if arguments.picture:
         mi.util.write_bitmap(arguments.picture, mi.render(scene, spp=64))
 
