@@ -1,6 +1,6 @@
 // A ray's flight through a bending model: straight up to the region, steps inside it, straight or along the asymptote behind it.
 // The loop of the steps holds nothing else: what only few rays of a subgroup do there, all of them wait for. Twin of
-// src/backend/cpu/{advance,step,edges}.rs.
+// src/backend/cpu.
 
 // The integrator, and whether rays are traced on their own, are known when the pipeline is built.
 layout(constant_id = 1) const uint METHOD = METHOD_RUNGE_KUTTA;
@@ -200,8 +200,8 @@ void advance(uint slot) {
         if (!fixed_step) {
             real longest = longest_first_step(flight, safe);
             real3 end_force = rate_at(charge, along(ray.x, flight.v, longest), along(ray.p, flight.a, longest), longest).a;
-            real cone = real(spread) * ray.len + real(width);
-            real tolerance = step_tolerance(ray.x, cone, real(SCENE.tolerance), detail, TOLERANCE_FLOOR);
+            float cone = spread * float(ray.len) + width;
+            real tolerance = step_tolerance(ray.x, real(cone), real(SCENE.tolerance), detail, TOLERANCE_FLOOR);
             ray.h = first_step(flight, end_force, longest, tolerance);
         } else {
             ray.h = METHOD == METHOD_RUNGE_KUTTA ? model_step() / sqrt(dot(flight.v, flight.v)) : model_step();
@@ -338,9 +338,9 @@ void advance(uint slot) {
         safe_step(ray.x, safe, detail);
         if (!fixed_step) {
             real ideal_before = ideal;
-            ideal = margin < MOST_MARGIN && !crossing ? abs(ray.h) * margin : real(0.0);
-            real trend = real(0.0) < ideal_before ? ideal / ideal_before : real(1.0);
-            ray.h = min(ray.h * step_factor(margin, trend), safe / speed);
+            ideal = ideal_step(ray.h, error, tolerance);
+            ray.h = min(ray.h * step_factor(margin, step_trend(ideal, ideal_before)), safe / speed);
+            ideal = crossing ? real(0.0) : ideal;
         } else if (METHOD == METHOD_RUNGE_KUTTA) {
             ray.h = model_step() / speed;
         }

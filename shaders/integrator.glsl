@@ -100,8 +100,16 @@ real step_tolerance(real3 x, real cone, real share, real detail, real floor_shar
 }
 
 real step_margin(real error, real tolerance) {
-    real ratio = tolerance / max(error, tolerance * real(1e-4));
+    real ratio = tolerance / max(error, tolerance * LEAST_ERROR);
     return error < tolerance * real(1e30) ? sqrt(sqrt(ratio)) : STEP_SHRINK;
+}
+
+real ideal_step(real h, real error, real tolerance) {
+    return tolerance * LEAST_ERROR < error ? abs(h) * step_margin(error, tolerance) : real(0.0);
+}
+
+real step_trend(real ideal, real before) {
+    return real(0.0) < min(ideal, before) ? ideal / before : real(1.0);
 }
 
 real step_factor(real margin, real trend) {

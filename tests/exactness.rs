@@ -6,8 +6,9 @@ mod support;
 
 use fearless_simd::Level;
 use nullray::backend::Stop;
-use nullray::backend::cpu::advance::{Launch, advance_curved};
+use nullray::backend::cpu::advance::{Landing, Launch, advance_curved};
 use nullray::backend::cpu::step::{Course, Scalar};
+use nullray::cli::form_overrides;
 use nullray::dispatch;
 use nullray::kernels::bvh::EMPTY_STACK;
 use nullray::kernels::constants::{STATUS_ESCAPED, STATUS_EXHAUSTED, STATUS_HIT};
@@ -40,15 +41,13 @@ const FEWEST_SCENES: usize = 20;
 /// Size of the film.
 const SIZE: [&str; 2] = ["film.width=640", "film.height=360"];
 
-/// The forms of `nullray bench`.
-const FORMS: [(&str, &[&str]); 3] = [
-    ("A", &["spacetime.kind=gravity", "spacetime.center=[{ position = [0.9, 2.0, 1.2], strength = 0.3, radius = 5 }]"]),
-    ("B", &["spacetime.kind=schwarzschild", "spacetime.mass=0.1", "spacetime.position=[0.9, 2.0, 1.2]"]),
-    ("C", &["spacetime.kind=kerr", "spacetime.mass=0.1", "spacetime.spin=0.09", "spacetime.position=[0.9, 2.0, 1.2]"]),
-];
-
-/// Follows the camera ray of every pixel's first sample to its end.
+/// Follows the camera ray of every pixel's first sample to its end, all in one go.
 fn camera_arrivals<T: Scalar>(world: &World) -> Vec<Arrival> {
+    arrivals_in_parts::<T>(world, usize::MAX)
+}
+
+/// The same, so many at a time.
+fn arrivals_in_parts<T: Scalar>(world: &World, part: usize) -> Vec<Arrival> {
     let view = world.view();
     let model: ModelBlock<T> = world.model_block();
     let course = Course { view, scene: view.scene, model: &model, kind: world.model, stop: Stop::Never, drift: false };
@@ -69,9 +68,13 @@ fn camera_arrivals<T: Scalar>(world: &World) -> Vec<Arrival> {
     let (level, count) = (Level::new(), (width * height) as usize);
     let mut stack = EMPTY_STACK;
     let mut arrivals = vec![None; count];
-    dispatch!(level, simd => {
-        advance_curved(simd, &course, &mut stack, count, launch, |i, landing| arrivals[i] = Some(landing.arrival))
-    });
+    for first in (0..count).step_by(part.min(count)) {
+        let some = part.min(count - first);
+        dispatch!(level, simd => {
+            let land = |i: usize, landing: Landing<T>| arrivals[first + i] = Some(landing.arrival);
+            advance_curved(simd, &course, &mut stack, some, |i| launch(first + i), land)
+        });
+    }
     arrivals.into_iter().map(Option::unwrap).collect()
 }
 
@@ -144,8 +147,13 @@ impl Ends {
     }
 }
 
+/// Overrides that bend the light of the benchmark scene as a form of `nullray bench` does.
+fn form(name: &str) -> Vec<String> {
+    form_overrides(name).unwrap()
+}
+
 /// Name, file and overrides of every scene there is, and of the benchmark scene in its forms.
-fn scenes() -> Vec<(String, String, Vec<&'static str>)> {
+fn scenes() -> Vec<(String, String, Vec<String>)> {
     let mut files: Vec<String> = std::fs::read_dir(root().join("assets/scenes"))
         .unwrap()
         .map(|e| e.unwrap().file_name().into_string().unwrap())
@@ -153,8 +161,14 @@ fn scenes() -> Vec<(String, String, Vec<&'static str>)> {
         .collect();
     files.sort();
     let plain = files.into_iter().map(|f| (f.trim_end_matches(".toml").to_string(), f, vec![]));
-    let forms = FORMS.into_iter().map(|(form, set)| (format!("benchmark {form}"), "benchmark.toml".to_string(), set.to_vec()));
+    let forms = ["A", "B", "C"].map(|name| (format!("benchmark {name}"), "benchmark.toml".to_string(), form(name)));
     plain.chain(forms).collect()
+}
+
+/// A world of a file with overrides, on a film of the given size.
+fn sized_world(file: &str, set: &[String], size: [&str; 2]) -> World {
+    let set: Vec<&str> = set.iter().map(String::as_str).chain(size).collect();
+    asset_world(file, &set)
 }
 
 /// The same world, followed as exactly as makes a difference.
@@ -170,7 +184,7 @@ fn exact(world: &World) -> World {
 fn camera_rays_end_where_exact_ones_end() {
     let (mut compared, mut complaints) = (vec![], vec![]);
     for (name, file, set) in scenes() {
-        let world = asset_world(&file, &[&set[..], &SIZE].concat());
+        let world = sized_world(&file, &set, SIZE);
         if world.model == ModelKind::Flat {
             continue;
         }
@@ -215,4 +229,19 @@ fn comparison_notices_wrong_ends() {
     exhausted.iter_mut().step_by(50).for_each(|a| a.status = STATUS_EXHAUSTED);
     assert!(complaint(&exhausted).is_some(), "one of 50 ran out of steps");
     assert!(Ends::between(&[], &[], 96, spread).complaint(BOUND).is_some(), "no rays");
+}
+
+/// Where a ray ends does not depend on the rays that share its register.
+#[test]
+fn rays_do_not_depend_on_their_neighbours() {
+    for name in ["A", "B", "C"] {
+        let world = sized_world("benchmark.toml", &form(name), ["film.width=96", "film.height=54"]);
+        let together = camera_arrivals::<f32>(&world);
+        for part in [1, 7] {
+            for (i, (a, b)) in arrivals_in_parts::<f32>(&world, part).iter().zip(&together).enumerate() {
+                let end = |arrival: &Arrival| (arrival.status, arrival.steps, arrival.primitive, arrival.position, arrival.direction);
+                assert_eq!(end(a), end(b), "form {name}, ray {i}, {part} at a time");
+            }
+        }
+    }
 }

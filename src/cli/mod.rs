@@ -12,6 +12,8 @@ mod trace_output;
 mod validate;
 mod view;
 
+pub use bench::form_overrides;
+
 use crate::backend::cpu::CpuBackend;
 use crate::backend::vulkan::VulkanBackend;
 use crate::backend::{Backend, Precision};

@@ -226,8 +226,8 @@ constants! {
         STEP_SAFETY = 0.9;
         STEP_SHRINK = 0.2;
         STEP_GROW = 3.0;
-        /// From this margin on an error is too small to tell a trend.
-        MOST_MARGIN = 9.9;
+        /// Share of the tolerance below which an error says no more than that it is small.
+        LEAST_ERROR = 1e-4;
         /// Largest error of a step as a share of the length over which rays change their way: wide cones are no reason to lose it.
         DETAIL_TOLERANCE = 1e-2;
         /// How far beyond a sharp edge of the region a ray may end, as a share of its radius.

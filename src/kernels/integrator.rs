@@ -342,18 +342,30 @@ pub fn largest_coordinate<L: Lane>(x: [L; 3]) -> L {
 /// How many times as long a step whose error is `error` could have been to have that of `tolerance`, by an error of order four.
 #[inline(always)]
 pub fn step_margin<L: Lane>(token: L::Token, error: L, tolerance: L) -> L {
-    let ratio = tolerance / error.max(tolerance * L::constant(token, 1e-4));
+    let ratio = tolerance / error.max(tolerance * L::constant(token, LEAST_ERROR));
     // A step into a singularity has no error estimate.
     L::select(error.lt(tolerance * L::constant(token, 1e30)), ratio.sqrt().sqrt(), L::constant(token, STEP_SHRINK))
 }
 
-/// Factor for the next step after one with `margin`. The steps that would just have met the tolerance grow or shrink along a ray: if by
-/// `trend` from the last one to this, they are expected to shrink by it again (Gustafsson, ACM Trans. Math. Softw. 20, 1994).
+/// Length with which a step of length `h` would just have met the tolerance; 0 if its error is too small to tell.
+#[inline(always)]
+pub fn ideal_step<L: Lane>(token: L::Token, h: L, error: L, tolerance: L) -> L {
+    let told = (tolerance * L::constant(token, LEAST_ERROR)).lt(error);
+    L::select(told, h.max(-h) * step_margin(token, error, tolerance), L::constant(token, 0.0))
+}
+
+/// Ratio of the ideal length of a step to that of the one before; 1 where either is not known.
+#[inline(always)]
+pub fn step_trend<L: Lane>(token: L::Token, ideal: L, before: L) -> L {
+    L::select(L::constant(token, 0.0).lt(ideal.min(before)), ideal / before, L::constant(token, 1.0))
+}
+
+/// Factor for the next step after one with `margin`. If the ideal lengths of steps shrink along a ray by `trend` from the one before to this,
+/// they are expected to shrink by it again (Gustafsson, ACM Trans. Math. Softw. 20, 1994).
 #[inline(always)]
 pub fn step_factor<L: Lane>(token: L::Token, margin: L, trend: L) -> L {
-    let [safety, shrink, grow, one] = [STEP_SAFETY, STEP_SHRINK, STEP_GROW, 1.0];
-    let steady = L::constant(token, one).min(trend).max(L::constant(token, shrink));
-    (margin * L::constant(token, safety) * steady).max(L::constant(token, shrink)).min(L::constant(token, grow))
+    let [shrink, grow, one] = [L::constant(token, STEP_SHRINK), L::constant(token, STEP_GROW), L::constant(token, 1.0)];
+    (margin * L::constant(token, STEP_SAFETY) * one.min(trend).max(shrink)).max(shrink).min(grow)
 }
 
 /// Longest first step that is worth a try: the safe step, or a share of the local radius of curvature, |v| |p| / |force|.

@@ -270,7 +270,7 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
     let mut accepted = if fixed { u32::MAX } else { L::bits(good) };
 
     let margin = step_margin(token, error, tolerance);
-    let ideal = L::select(margin.lt(L::constant(token, MOST_MARGIN)), h.max(-h) * margin, zero);
+    let ideal = ideal_step(token, h, error, tolerance);
 
     // Choose the next step length, inside what the model allows at the place it starts from.
     let straight = scene.method == METHOD_EULER && course.kind.class() == Class::Medium;
@@ -278,8 +278,7 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
     let mut next_h = if fixed {
         if scene.method == METHOD_RUNGE_KUTTA { L::splat(token, model.step) / speed } else { h }
     } else {
-        let before = L::load(token, &lanes.ideal);
-        let trend = L::select(zero.lt(before), ideal / before, one);
+        let trend = step_trend(token, ideal, L::load(token, &lanes.ideal));
         let proposed = h * step_factor(token, margin, L::select(good, trend, one));
         L::select(good, proposed.min(L::load(token, &next.safe) / speed), proposed)
     };

@@ -84,8 +84,8 @@ fn scene_path(given: Option<&PathBuf>) -> Result<PathBuf> {
         })
 }
 
-/// Overrides that turn the linear scene into a non-linear form.
-fn form_overrides(form: &str) -> Result<Vec<String>> {
+/// Overrides that turn the linear scene into a non-linear form: A (gravity center), B (Schwarzschild) or C (Kerr).
+pub fn form_overrides(form: &str) -> Result<Vec<String>> {
     let lines: &[&str] = match form {
         "A" => &["spacetime.kind=gravity", "spacetime.center=[{ position = [0.9, 2.0, 1.2], strength = 0.3, radius = 5 }]"],
         "B" => &["spacetime.kind=schwarzschild", "spacetime.mass=0.1", "spacetime.position=[0.9, 2.0, 1.2]"],
