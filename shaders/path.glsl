@@ -295,18 +295,19 @@ bool shade(uint seed, uint sample_index, Surface surface, inout PathState path, 
     if ((dot(wi, geometric) > 0.0) != reflects) {
         return false;
     }
+    vec3 brought = path.throughput * bsdf.color;
+    float importance = max(brought.x, max(brought.y, brought.z));
     path.throughput *= weight;
-    if (!reflects) {
-        path.media = media_beyond;
-    }
-
-    // Russian roulette.
     float strongest = max(path.throughput.x, max(path.throughput.y, path.throughput.z));
     if (!(strongest > 0.0)) {
         return false;
     }
+
+    // Russian roulette, by what the path brings in all directions: towards a small light it brings little, but meets much. What a
+    // dielectric compresses it gives back.
     if (roulette) {
-        float survival = min(strongest, MAX_SURVIVAL);
+        float index = media_ior(inside);
+        float survival = clamp(importance * index * index, MIN_SURVIVAL, MAX_SURVIVAL);
         if (lobe.y >= survival) {
             return false;
         }
@@ -314,6 +315,9 @@ bool shade(uint seed, uint sample_index, Surface surface, inout PathState path, 
     }
 
     // Leave the surface.
+    if (!reflects) {
+        path.media = media_beyond;
+    }
     path.origin = surface.position + surface.normal_geometric * (reflects == outside ? offset : -offset);
     path.direction = wi;
     path.width += path.spread * arrival.path_length;

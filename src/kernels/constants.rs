@@ -175,6 +175,8 @@ constants! {
         MAX_MOMENT_LUMINANCE = 4096.0;
         /// Largest probability with which Russian roulette lets a path live.
         MAX_SURVIVAL = 0.95;
+        /// Smallest: no path is worth more than so many times itself.
+        MIN_SURVIVAL = 0.05;
         /// Barycentric slack that closes the seams between neighbouring triangles.
         TRIANGLE_SLACK = 5e-7;
         /// Share by which a chord reaches past its end, so that no gap opens between chords.

@@ -399,18 +399,18 @@ pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, 
     if (wi.dot(geometric) > 0.0) != reflects {
         return false;
     }
+    let importance = (path.throughput * bsdf.color).max_element();
     path.throughput *= weight;
-    if !reflects {
-        path.media = media_beyond;
-    }
-
-    // Russian roulette.
     let strongest = path.throughput.max_element();
     if strongest.is_nan() || strongest <= 0.0 {
         return false;
     }
+
+    // Russian roulette, by what the path brings in all directions: towards a small light it brings little, but meets much. What a
+    // dielectric compresses it gives back.
     if roulette {
-        let survival = strongest.min(MAX_SURVIVAL);
+        let index = media_ior(view, inside);
+        let survival = (importance * index * index).clamp(MIN_SURVIVAL, MAX_SURVIVAL);
         if lobe.y >= survival {
             return false;
         }
@@ -418,6 +418,9 @@ pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, 
     }
 
     // Leave the surface.
+    if !reflects {
+        path.media = media_beyond;
+    }
     path.origin = surface.position + surface.normal_geometric * if reflects == outside { offset } else { -offset };
     path.direction = wi;
     path.width += path.spread * arrival.path_length;
