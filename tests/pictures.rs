@@ -232,6 +232,36 @@ fn irradiance_is_exact() {
     assert!(rows > 60, "{rows}");
 }
 
+/// A patch of ground under a small lamp, seen through `panes` of glass: its radiance and the standard error over pixels.
+fn ground_behind_glass(panes: usize) -> (f64, f64) {
+    let mut text = String::from(
+        "[camera]\nposition = [0, 1, 6]\nlook_at = [0, 0, 0]\nfov_degrees = 0.5\n[film]\nwidth = 32\nheight = 32\nfilter = \"box\"\n\
+         [[material]]\nname = \"ground\"\n[[material]]\nname = \"lamp\"\nkind = \"emissive\"\nemission = [100, 100, 100]\n\
+         [[material]]\nname = \"glass\"\nkind = \"dielectric\"\nior = 1.5\n\
+         [[quad]]\ncorner = [-2, 0, 2]\nu = [4, 0, 0]\nv = [0, 0, -4]\nmaterial = \"ground\"\n\
+         [[sphere]]\ncenter = [0, 3, 0]\nradius = 0.1\nmaterial = \"lamp\"\n",
+    );
+    for i in 0..panes {
+        let z = 5.0 - 0.2 * i as f64;
+        text += &format!("[[box]]\nmin = [-1, 0.1, {z}]\nmax = [1, 2, {}]\nmaterial = \"glass\"\n", z + 0.1);
+    }
+    mean(&film(&mut cpu(), world(&text), Precision::F32, 64))
+}
+
+/// Roulette must not take a ray towards a small lamp for the little that it brings, nor a path in glass for its compressed radiance.
+#[test]
+fn roulette_spares_rays_towards_lamps() {
+    let (open, open_error) = ground_behind_glass(0);
+    for panes in [1, 2, 3] {
+        let (value, error) = ground_behind_glass(panes);
+        let noise = (error / value) / (open_error / open);
+        println!("{panes} panes: radiance {value:.5} of {open:.5}, relative noise {noise:.2} times that without");
+        // Each of two surfaces reflects 4% of the light, and some of it back.
+        assert!((value / open - 0.92f64.powi(panes as i32)).abs() < 0.03, "{panes} panes: {value} of {open}");
+        assert!(noise < 12.0, "{panes} panes: {noise}");
+    }
+}
+
 /// The shadow's angular radius at three distances, from the share of captured pixels along the middle row.
 #[test]
 fn shadow_has_the_exact_size() {

@@ -117,7 +117,7 @@ constants! {
         /// Random pairs drawn at a bounce: strategy, direction, roulette and lobe.
         BOUNCE_PAIRS = 3;
         /// First bounce at which Russian roulette may end a path.
-        ROULETTE_BOUNCE = 3;
+        ROULETTE_BOUNCE = 5;
         /// Up to this many lights the density of light sampling is summed over all of them.
         MAX_SUMMED_LIGHTS = 16;
         /// Entries of the table of black bodies, uniform in the logarithm of temperature.
@@ -163,10 +163,12 @@ constants! {
         ORIGIN_OFFSET = 1e-5;
         /// Smallest GGX alpha: below it a lobe is a mirror in f32.
         MIN_ALPHA = 1e-3;
-        /// GGX alpha from which on half of the samples go towards lights.
+        /// GGX alpha from which on the largest share of samples goes towards lights.
         LIGHT_ALPHA = 0.25;
         /// Largest share of samples that go towards lights.
-        LIGHT_SHARE = 0.5;
+        LIGHT_SHARE = 0.3;
+        /// The same where space is bent and many of them miss.
+        BENT_LIGHT_SHARE = 0.2;
         /// Spread of a ray cone after a diffuse bounce, radians.
         DIFFUSE_SPREAD = 0.02;
         /// Largest radiance one sample may add to the film, so that its 64-bit fixed-point sums hold 2^20 such samples.

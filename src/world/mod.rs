@@ -373,7 +373,7 @@ fn scene_parameters(scene: &Scene) -> SceneParameters {
         camera_velocity: single(camera.velocity),
         max_depth: film.max_depth,
         environment: [environment_parameters(&scene.environment[0]), environment_parameters(&scene.environment[1])],
-        light_share: LIGHT_SHARE,
+        light_share: if scene.spacetime.model == ModelKind::Flat { LIGHT_SHARE } else { BENT_LIGHT_SHARE },
         // Without a grid every lookup is in a cell without clearance, and anything may be met anywhere.
         grid_inverse_cell: 1.0,
         grid_size: [1; 3],
