@@ -177,7 +177,7 @@ constants! {
         MAX_MOMENT_LUMINANCE = 4096.0;
         /// Largest probability with which Russian roulette lets a path live.
         MAX_SURVIVAL = 0.95;
-        /// Smallest: no path is worth more than so many times itself.
+        /// Smallest such probability: roulette multiplies no path by more than its inverse.
         MIN_SURVIVAL = 0.05;
         /// Barycentric slack that closes the seams between neighbouring triangles.
         TRIANGLE_SLACK = 5e-7;
