@@ -276,7 +276,7 @@ fn film_launches<T: Scalar>(scene: &SceneParameters) -> Vec<Launch<T>> {
     (0..columns * rows)
         .map(|i| {
             let film = (vec2((i % columns) as f32, (i / columns) as f32) + 0.5) * STRIDE as f32;
-            launch(scene, origin, film_direction(scene, film), scene.pixel_spread)
+            launch(scene, origin, film_direction((), scene, film.to_array()).into(), scene.pixel_spread)
         })
         .collect()
 }

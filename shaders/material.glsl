@@ -11,7 +11,6 @@ struct Bsdf {
 struct BsdfSample {
     vec3 wi;
     vec3 weight;
-    bool delta;
 };
 
 float fresnel_dielectric(float cos_i, float eta) {
@@ -140,9 +139,9 @@ vec3 refract_at(vec3 wo, vec3 m, float eta) {
 }
 
 BsdfSample sample_bsdf(Bsdf bsdf, vec3 wo, vec2 u, float lobe) {
-    BsdfSample nothing = BsdfSample(vec3(0.0, 0.0, 1.0), vec3(0.0), false);
+    BsdfSample nothing = BsdfSample(vec3(0.0, 0.0, 1.0), vec3(0.0));
     if (bsdf.kind == MATERIAL_DIFFUSE) {
-        return BsdfSample(sample_cosine(u), bsdf.color, false);
+        return BsdfSample(sample_cosine(u), bsdf.color);
     }
     if (wo.z <= 0.0) {
         return nothing;
@@ -168,5 +167,5 @@ BsdfSample sample_bsdf(Bsdf bsdf, vec3 wo, vec2 u, float lobe) {
     } else if (!reflects) {
         weight *= bsdf.color / (bsdf.eta * bsdf.eta);
     }
-    return BsdfSample(wi, weight, delta);
+    return BsdfSample(wi, weight);
 }

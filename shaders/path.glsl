@@ -202,7 +202,32 @@ void escape(inout PathState path, Arrival arrival) {
 #endif
 
 #ifdef KERNEL_SHADE
-bool shade(uint seed, uint sample_index, Surface surface, inout PathState path, Arrival arrival) {
+// What a ray meets at its end.
+const uint MEETING_ENDS = 0;
+const uint MEETING_PASSES = 1;
+const uint MEETING_SCATTERS = 2;
+
+struct Scattering {
+    vec3 position;
+    vec3 outward;
+    vec3 shading;
+    vec3 wo;
+    Bsdf bsdf;
+};
+
+struct Encounter {
+    Scattering scattering;
+    bool outside;
+    vec3 offset;
+    uvec2 media_beyond;
+};
+
+struct Draw {
+    vec3 wi;
+    vec3 weight;
+};
+
+uint meet_surface(Surface surface, inout PathState path, Arrival arrival, out Encounter at) {
     uint material_id = object_material(surface.object);
     Material material = material_at(material_id);
 
@@ -220,84 +245,84 @@ bool shade(uint seed, uint sample_index, Surface surface, inout PathState path, 
     }
     path.frequency_ratio *= arrival.redshift;
     path.side = arrival.side;
+    path.width += path.spread * arrival.path_length;
 
     // Count emission, on the outer side or on both.
     vec3 wo = -arrival.direction;
     bool outside = dot(outward, wo) > 0.0;
     vec3 extent = abs(surface.position);
-    float offset = ORIGIN_OFFSET * max(extent.x, max(extent.y, extent.z)) + SCENE.origin_offset;
+    float distance = ORIGIN_OFFSET * max(extent.x, max(extent.y, extent.z)) + SCENE.origin_offset;
+    vec3 offset = surface.normal_geometric * (outside ? distance : -distance);
     if (material.kind == MATERIAL_ACCRETION) {
         float hottest = material.temperature * disc_profile(material, arrival.u).x;
         vec3 thermal = black_body(hottest * path.frequency_ratio * arrival.doppler);
         path.radiance += path.throughput * material.emission * thermal;
         if ((material.flags & MATERIAL_OPAQUE) != 0) {
-            return false;
+            return MEETING_ENDS;
         }
         // Light from behind passes as it came.
-        path.origin = surface.position + surface.normal_geometric * (outside ? -offset : offset);
+        path.origin = surface.position - offset;
         path.direction = arrival.direction;
-        path.width += path.spread * arrival.path_length;
-        return true;
+        return MEETING_PASSES;
     }
     if (outside || (material.flags & MATERIAL_TWO_SIDED) != 0) {
         path.radiance += path.throughput * emission_at(material, surface.uv, path.frequency_ratio);
     }
     if (material.kind == MATERIAL_EMISSIVE || path.bounce >= SCENE.max_depth) {
-        return false;
+        return MEETING_ENDS;
     }
-
-    // Turn the normals to the side the ray came from.
-    vec3 geometric = outside ? outward : -outward;
-    vec3 normal = shading;
-    normal = dot(normal, geometric) < 0.0 ? -normal : normal;
-    normal = dot(normal, wo) < 1e-4 ? geometric : normal;
-    vec3 wo_local = frame_from_world(normal, wo);
 
     // Resolve the surface's scattering.
     float roughness = roughness_at(material, surface.uv);
     Bsdf bsdf = Bsdf(base_color_at(material, surface.uv), material.kind, max(roughness * roughness, MIN_ALPHA), 1.0, 1.0);
     uvec2 media_beyond = outside ? media_push(path.media, material_id + 1) : media_remove(path.media, material_id + 1);
-    if (material.kind == MATERIAL_METALLIC) {
-        bsdf.albedo = ggx_albedo(wo_local.z, roughness);
-    }
     if (material.kind == MATERIAL_DIELECTRIC) {
         float before = outside ? media_ior(inside) : material.ior;
         bsdf.eta = media_ior(media_top(media_beyond)) / before;
         bsdf.alpha = roughness == 0.0 || bsdf.eta == 1.0 ? 0.0 : bsdf.alpha;
     }
+    at = Encounter(Scattering(surface.position, outward, shading, wo, bsdf), outside, offset, media_beyond);
+    return MEETING_SCATTERS;
+}
 
-    // Draw a direction from the mixture.
-    uint first = CAMERA_PAIRS + path.bounce * BOUNCE_PAIRS;
-    vec2 direction = random_pair(seed, first + 1, sample_index);
-    bool roulette = path.bounce + 1 >= ROULETTE_BOUNCE;
-    vec2 lobe = vec2(0.0);
-    if (roulette || material.kind == MATERIAL_DIELECTRIC) {
-        lobe = random_pair(seed, first + 2, sample_index);
+// The random numbers are the pairs of `seed` from `first` on; of these, `lobe` is drawn already.
+Draw draw_direction(Scattering at, uint seed, uint first, uint sample_index, float lobe) {
+    // Turn the normals to the side the path came from.
+    vec3 geometric = dot(at.outward, at.wo) > 0.0 ? at.outward : -at.outward;
+    vec3 facing = dot(at.shading, geometric) < 0.0 ? -at.shading : at.shading;
+    vec3 normal = dot(facing, at.wo) < 1e-4 ? geometric : facing;
+    vec3 wo = frame_from_world(normal, at.wo);
+    Bsdf bsdf = at.bsdf;
+    if (bsdf.kind == MATERIAL_METALLIC) {
+        bsdf.albedo = ggx_albedo(wo.z, sqrt(bsdf.alpha));
     }
-    float share = SCENE.light_count == 0 || is_delta(bsdf) ? 0.0 : light_share(bsdf, SCENE.light_share);
-    BsdfSample drawn = sample_bsdf(bsdf, wo_local, direction, lobe.x);
+
+    vec2 direction = random_pair(seed, first + 1, sample_index);
+    BsdfSample drawn = sample_bsdf(bsdf, wo, direction, lobe);
     vec3 wi = world_from_frame(normal, drawn.wi);
     vec3 weight = drawn.weight;
+    float share = SCENE.light_count == 0 || is_delta(bsdf) ? 0.0 : light_share(bsdf, SCENE.light_share);
     if (share > 0.0) {
         vec2 strategy = random_pair(seed, first, sample_index);
         uint chosen = choose_light(strategy.y);
         if (strategy.x < share) {
-            wi = sample_light(light_at(chosen), surface.position, direction);
+            wi = sample_light(light_at(chosen), at.position, direction);
         }
         float pdf;
-        vec3 value = evaluate_bsdf(bsdf, wo_local, frame_from_world(normal, wi), pdf);
-        float density = share * lights_pdf(chosen, surface.position, wi) + (1.0 - share) * pdf;
+        vec3 value = evaluate_bsdf(bsdf, wo, frame_from_world(normal, wi), pdf);
+        float density = share * lights_pdf(chosen, at.position, wi) + (1.0 - share) * pdf;
         weight = density > 0.0 ? value * (1.0 / density) : vec3(0.0);
     }
 
-    // The geometry must agree on whether the direction reflects or transmits.
-    bool reflects = dot(wi, normal) > 0.0;
-    if ((dot(wi, geometric) > 0.0) != reflects) {
-        return false;
-    }
-    vec3 brought = path.throughput * bsdf.color;
+    // The geometry must agree on whether the direction reflects or transmits: the sign of one is that of the other.
+    bool agree = dot(wi, normal) * dot(wi, geometric) > 0.0;
+    return Draw(wi, agree ? weight : vec3(0.0));
+}
+
+bool leave_surface(inout PathState path, Encounter at, Draw draw, float chance) {
+    vec3 brought = path.throughput * at.scattering.bsdf.color;
     float importance = max(brought.x, max(brought.y, brought.z));
-    path.throughput *= weight;
+    path.throughput *= draw.weight;
     float strongest = max(path.throughput.x, max(path.throughput.y, path.throughput.z));
     if (!(strongest > 0.0)) {
         return false;
@@ -305,25 +330,25 @@ bool shade(uint seed, uint sample_index, Surface surface, inout PathState path, 
 
     // Russian roulette, by what the path brings in all directions: towards a small light it brings little, but meets much. What a
     // dielectric compresses it gives back.
-    if (roulette) {
-        float index = media_ior(inside);
+    path.bounce += 1;
+    if (path.bounce >= ROULETTE_BOUNCE) {
+        float index = media_ior(media_top(path.media));
         float survival = clamp(importance * index * index, MIN_SURVIVAL, MAX_SURVIVAL);
-        if (lobe.y >= survival) {
+        if (chance >= survival) {
             return false;
         }
         path.throughput *= 1.0 / survival;
     }
 
     // Leave the surface.
+    bool reflects = (dot(draw.wi, at.scattering.outward) > 0.0) == at.outside;
     if (!reflects) {
-        path.media = media_beyond;
+        path.media = at.media_beyond;
     }
-    path.origin = surface.position + surface.normal_geometric * (reflects == outside ? offset : -offset);
-    path.direction = wi;
-    path.width += path.spread * arrival.path_length;
-    float scatter = material.kind == MATERIAL_DIFFUSE ? 1.0 : min(bsdf.alpha, 1.0);
+    path.origin = at.scattering.position + (reflects ? at.offset : -at.offset);
+    path.direction = draw.wi;
+    float scatter = at.scattering.bsdf.kind == MATERIAL_DIFFUSE ? 1.0 : min(at.scattering.bsdf.alpha, 1.0);
     path.spread = max(path.spread, DIFFUSE_SPREAD * scatter);
-    path.bounce += 1;
     return true;
 }
 #endif

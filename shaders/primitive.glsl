@@ -97,9 +97,7 @@ vec3 primitive_normal(Primitive primitive, vec3 position) {
         return normalize(position - first);
     }
     if (primitive.kind == PRIMITIVE_QUAD) {
-        vec3 edge_u = vec3(primitive.data[3], primitive.data[4], primitive.data[5]);
-        vec3 edge_v = vec3(primitive.data[6], primitive.data[7], primitive.data[8]);
-        return normalize(cross(edge_u, edge_v));
+        return vec3(primitive.data[9], primitive.data[10], primitive.data[11]);
     }
     if (primitive.kind == PRIMITIVE_DISC) {
         return vec3(primitive.data[4], primitive.data[5], primitive.data[6]);

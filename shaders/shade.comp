@@ -32,7 +32,19 @@ void main() {
         aov.object = surface.object + 1;
         store_aov(pixel, aov);
     }
-    bool goes_on = shade(pixel_seed(pixel.x, pixel.y), pixel.z, surface, path, arrival);
+    Encounter at;
+    uint meeting = meet_surface(surface, path, arrival, at);
+    bool goes_on = meeting == MEETING_PASSES;
+    if (meeting == MEETING_SCATTERS) {
+        uint seed = pixel_seed(pixel.x, pixel.y);
+        uint first = CAMERA_PAIRS + path.bounce * BOUNCE_PAIRS;
+        vec2 lobe = vec2(0.0);
+        if (path.bounce + 1 >= ROULETTE_BOUNCE || at.scattering.bsdf.kind == MATERIAL_DIELECTRIC) {
+            lobe = random_pair(seed, first + 2, pixel.z);
+        }
+        Draw draw = draw_direction(at.scattering, seed, first, pixel.z, lobe.x);
+        goes_on = leave_surface(path, at, draw, lobe.y);
+    }
     store_path(slot, path);
     if (goes_on) {
         queue[queue_advance(1 - push.parity) + atomicAdd(counters[COUNT_NEXT], 1)] = slot;

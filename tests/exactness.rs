@@ -52,8 +52,12 @@ fn arrivals_in_parts<T: Scalar>(world: &World, part: usize) -> Vec<Arrival> {
     let model: ModelBlock<T> = world.model_block();
     let course = Course { view, scene: view.scene, model: &model, kind: world.model, stop: Stop::Never, drift: false };
     let (width, height) = (world.scene.film_width, world.scene.film_height);
+    let mut paths = Vec::new();
+    for i in 0..width * height {
+        start_path::<f32>((), &view, |_| (i % width, i / width), 0, |_, path| paths.push(path));
+    }
     let launch = |i: usize| {
-        let path = start_path(&view, i as u32 % width, i as u32 / width, 0);
+        let path = &paths[i];
         let real = |v: f64| T::from_f64(v);
         Launch {
             origin: from_vec3(path.origin),

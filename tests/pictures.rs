@@ -11,11 +11,13 @@ use nullray::film::{Film, luminance};
 use nullray::kernels::bvh::{EMPTY_STACK, Hit, closest_hit, hit_position, slabs, straight};
 use nullray::kernels::camera::sample_filter;
 use nullray::kernels::clearance::clearance_at;
-use nullray::kernels::constants::{FILTER_BOX, NO_INDEX, STATUS_CAPTURED, STATUS_ESCAPED, STATUS_HIT};
+use nullray::kernels::constants::*;
 use nullray::kernels::material::{Bsdf, evaluate_bsdf, sample_bsdf};
-use nullray::kernels::path::black_body;
+use nullray::kernels::path::{BouncePairs, Scattering, black_body, draw_direction};
 use nullray::kernels::rng::{pixel_seed, random_pair};
+use nullray::kernels::sampling::spherical_direction;
 use nullray::kernels::triangle::intersect_triangle;
+use nullray::simd::{Vector, by_lane, vector};
 use nullray::spacetime::thermal;
 use nullray::world::World;
 use std::sync::Arc;
@@ -46,9 +48,10 @@ fn furnace(material: &str, spp: u32, set: &str) -> f64 {
 #[test]
 fn white_furnace_of_every_material() {
     for (alpha, cos_o) in [(0.09f32, 0.97f32), (0.36, 0.97), (0.36, 0.5)] {
-        let wo = glam::vec3((1.0 - cos_o * cos_o).sqrt(), 0.0, cos_o);
-        let bsdf = Bsdf { color: glam::Vec3::ONE, kind: 1, alpha, eta: 1.0, albedo: 1.0 };
-        let s: f64 = (0..100000u32).map(|k| f64::from(sample_bsdf(&bsdf, wo, random_pair(1, 0, k), 0.0).weight.x)).sum::<f64>() / 1e5;
+        let wo = vector((1.0 - cos_o * cos_o).sqrt(), 0.0, cos_o);
+        let bsdf = Bsdf { color: Vector::uniform(1.0), kind: 1, alpha, eta: 1.0, albedo: 1.0 };
+        let s: f64 =
+            (0..100000u32).map(|k| f64::from(sample_bsdf((), &bsdf, wo, random_pair(1, 0, k).into(), 0.0).weight.x)).sum::<f64>() / 1e5;
         println!("alpha {alpha} cos {cos_o}: sampled {s} table {}", nullray::kernels::material::integrate_ggx_albedo(cos_o, alpha));
     }
     for albedo in [0.1, 0.5, 0.8, 0.99] {
@@ -78,8 +81,8 @@ fn white_furnace_of_every_material() {
 #[test]
 fn rough_dielectric_sampling_matches_quadrature() {
     for (alpha, eta, cos_o) in [(0.16f32, 1.5f32, 0.9f32), (0.36, 1.5, 0.5), (0.25, 1.0 / 1.5, 0.8)] {
-        let bsdf = Bsdf { color: glam::Vec3::ONE, kind: 2, alpha, eta, albedo: 1.0 };
-        let wo = glam::vec3((1.0 - cos_o * cos_o).sqrt(), 0.0, cos_o);
+        let bsdf = Bsdf { color: Vector::uniform(1.0), kind: 2, alpha, eta, albedo: 1.0 };
+        let wo = vector((1.0 - cos_o * cos_o).sqrt(), 0.0, cos_o);
         let n = 1200;
         let (mut value, mut density) = (0.0f64, 0.0f64);
         for i in 0..n {
@@ -87,8 +90,8 @@ fn rough_dielectric_sampling_matches_quadrature() {
             for j in 0..n {
                 let phi = std::f64::consts::TAU * (j as f64 + 0.5) / n as f64;
                 let s = (1.0 - z * z).sqrt();
-                let wi = glam::vec3((s * phi.cos()) as f32, (s * phi.sin()) as f32, z as f32);
-                let (v, pdf) = evaluate_bsdf(&bsdf, wo, wi);
+                let wi = vector((s * phi.cos()) as f32, (s * phi.sin()) as f32, z as f32);
+                let (v, pdf) = evaluate_bsdf((), &bsdf, wo, wi);
                 // Undo the compression of radiance, so that energy is counted.
                 value += f64::from(v.x) * if z < 0.0 { f64::from(eta * eta) } else { 1.0 };
                 density += f64::from(pdf);
@@ -99,7 +102,7 @@ fn rough_dielectric_sampling_matches_quadrature() {
         let samples = 200_000u32;
         let sampled = (0..samples)
             .map(|k| {
-                let drawn = sample_bsdf(&bsdf, wo, random_pair(1, 0, k), random_pair(1, 1, k).x);
+                let drawn = sample_bsdf((), &bsdf, wo, random_pair(1, 0, k).into(), random_pair(1, 1, k).x);
                 f64::from(drawn.weight.x) * if drawn.wi.z < 0.0 { f64::from(eta * eta) } else { 1.0 }
             })
             .sum::<f64>()
@@ -116,13 +119,13 @@ fn samplers_follow_their_densities() {
     let cases = [(0, 0.5f32, 1.0f32), (1, 0.3, 1.0), (2, 0.3, 1.5)];
     let (rows, columns, samples) = (16usize, 32usize, 200_000u32);
     for (kind, alpha, eta) in cases {
-        let bsdf = Bsdf { color: glam::Vec3::splat(0.7), kind, alpha, eta, albedo: 0.9 };
-        let wo = glam::vec3(0.5, 0.2, 0.8).normalize();
+        let bsdf = Bsdf { color: Vector::uniform(0.7), kind, alpha, eta, albedo: 0.9 };
+        let wo = vector(0.5, 0.2, 0.8).normalize(());
         let mut counts = vec![0.0f64; rows * columns];
         let mut lost = 0.0;
         for k in 0..samples {
-            let drawn = sample_bsdf(&bsdf, wo, random_pair(7, 0, k), random_pair(7, 1, k).x);
-            if drawn.weight == glam::Vec3::ZERO {
+            let drawn = sample_bsdf((), &bsdf, wo, random_pair(7, 0, k).into(), random_pair(7, 1, k).x);
+            if glam::Vec3::from(drawn.weight) == glam::Vec3::ZERO {
                 lost += 1.0;
                 continue;
             }
@@ -139,7 +142,8 @@ fn samplers_follow_their_densities() {
                     let z = -1.0 + 2.0 * (row as f64 + ((i / fine) as f64 + 0.5) / fine as f64) / rows as f64;
                     let phi = std::f64::consts::TAU * ((column as f64 + ((i % fine) as f64 + 0.5) / fine as f64) / columns as f64 - 0.5);
                     let s = (1.0 - z * z).sqrt();
-                    expected += f64::from(evaluate_bsdf(&bsdf, wo, glam::vec3((s * phi.cos()) as f32, (s * phi.sin()) as f32, z as f32)).1);
+                    let wi = vector((s * phi.cos()) as f32, (s * phi.sin()) as f32, z as f32);
+                    expected += f64::from(evaluate_bsdf((), &bsdf, wo, wi).1);
                 }
                 expected *= 4.0 * std::f64::consts::PI / (rows * columns * fine * fine) as f64 * f64::from(samples);
                 if expected > 20.0 {
@@ -263,6 +267,75 @@ fn roulette_spares_rays_towards_lamps() {
     }
 }
 
+/// An encounter with a surface of this kind, from the renderer's own numbers.
+fn encounter(kind: u32, smooth: bool, k: u32) -> Scattering<f32> {
+    let random = |pair| random_pair(11 + kind, pair, k);
+    let unit = |pair| spherical_direction((), 2.0 * random(pair).x - 1.0, random(pair).y);
+    let (a, b, c) = (random(0), random(1), random(2));
+    let outward = unit(3);
+    let color = vector(a.x, a.y, b.x);
+    let alpha = if smooth { 0.0 } else { 0.001 + b.y * b.y };
+    let eta = if kind == MATERIAL_DIELECTRIC { if k.is_multiple_of(2) { 1.5 } else { 1.0 / 1.5 } } else { 1.0 };
+    let bsdf = Bsdf { color, kind, alpha, eta, albedo: 1.0 };
+    let shading = (outward + unit(4) * 0.3).normalize(());
+    let position = vector(8.0 * c.x - 4.0, c.y * 2.0 - 1.0, 8.0 * random(5).x - 4.0);
+    Scattering { position, outward, shading, wo: unit(6), bsdf }
+}
+
+/// Directions drawn in registers are those drawn one by one, at surfaces of every kind and with lights of every kind, few or many.
+#[test]
+fn registers_draw_the_directions_of_single_lanes() {
+    let lamp = "[[material]]\nname = \"lamp\"\nkind = \"emissive\"\nemission = [5, 4, 3]\n";
+    let folder = std::env::temp_dir().join(format!("nullray-sky-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let sky = folder.join("sky.exr");
+    image::Rgb32FImage::from_fn(16, 8, |x, y| image::Rgb([0.2 + (x % 3) as f32, 0.3, if y == 2 { 8.0 } else { 0.4 }])).save(&sky).unwrap();
+    let few = "[[sphere]]\ncenter = [0, 3, 0]\nradius = 0.7\nmaterial = \"lamp\"\n\
+               [[quad]]\ncorner = [-3, 4, 0]\nu = [1, 0, 0.3]\nv = [0, 0.4, 1]\nmaterial = \"lamp\"\n";
+    let many = (0..20).fold(String::new(), |s, i| {
+        s + &format!("[[box]]\nmin = [{}, 3, -1]\nmax = [{}, 3.5, 1]\nmaterial = \"lamp\"\n", i - 10, f64::from(i) - 9.5)
+    });
+    let environment = format!("[environment]\nkind = \"image\"\nfile = {sky:?}\n");
+    for (name, text) in [("no", String::new()), ("few", environment + few), ("many", many)] {
+        let world = world(&format!("{lamp}{text}"));
+        let view = world.view();
+        println!("{name} lights: {}", view.lights.len());
+        for (kind, smooth) in
+            [(MATERIAL_DIFFUSE, false), (MATERIAL_METALLIC, false), (MATERIAL_DIELECTRIC, false), (MATERIAL_DIELECTRIC, true)]
+        {
+            let (mut lost, mut different) = (0, 0);
+            let registers = 1000;
+            for first in (0..registers * 16).step_by(16) {
+                let rows: Vec<Scattering<f32>> = (0..16).map(|lane| encounter(kind, smooth, first + lane)).collect();
+                let pair = |pair: u32, lane: usize| random_pair(77, pair, first + lane as u32);
+                let (wi, weight) = nullray::dispatch!(fearless_simd::Level::new(), simd => {
+                    type Register<S> = fearless_simd::f32x16<S>;
+                    let scattering: Scattering<Register<_>> = Scattering::by_lane(simd, |lane| &rows[lane]);
+                    let lanes = |k: u32| [by_lane(simd, |lane| pair(k, lane).x), by_lane(simd, |lane| pair(k, lane).y)];
+                    let random = BouncePairs { strategy: lanes(0), direction: lanes(1), lobe: lanes(2) };
+                    let draw = draw_direction(simd, &view, &scattering, &random);
+                    (draw.wi.rows(), draw.weight.rows())
+                });
+                for lane in 0..16 {
+                    let random =
+                        BouncePairs { strategy: pair(0, lane).into(), direction: pair(1, lane).into(), lobe: pair(2, lane).into() };
+                    let single = draw_direction((), &view, &rows[lane], &random);
+                    let at = |rows: &[[f32; 16]; 3]| glam::vec3(rows[0][lane], rows[1][lane], rows[2][lane]);
+                    let expected = glam::Vec3::from(single.weight);
+                    let close = (at(&wi) - glam::Vec3::from(single.wi)).length() < 1e-3
+                        && (at(&weight) - expected).length() <= 2e-3 * (1e-2 + expected.length());
+                    different += u32::from(!close);
+                    lost += u32::from(expected == glam::Vec3::ZERO);
+                }
+            }
+            println!("  kind {kind}, smooth {smooth}: {different} of {} differ, {lost} lost", registers * 16);
+            // A light's edge, or the critical angle, within rounding.
+            assert!(different * 200 < registers * 16, "{name} lights, kind {kind}, smooth {smooth}: {different} differ");
+            assert!(lost < registers * 16 / 2, "{lost} lost");
+        }
+    }
+}
+
 /// The shadow's angular radius at three distances, from the share of captured pixels along the middle row.
 #[test]
 fn shadow_has_the_exact_size() {
@@ -324,8 +397,8 @@ fn einstein_ring_has_the_exact_radius() {
 
 /// Where on the film, in pixels, the first sample of a pixel is with a box filter.
 fn first_sample(x: usize, y: usize) -> glam::DVec2 {
-    let offset = sample_filter(FILTER_BOX, random_pair(pixel_seed(x as u32, y as u32), 0, 0));
-    glam::dvec2(x as f64 + 0.5, y as f64 + 0.5) + offset.as_dvec2()
+    let [across, down] = sample_filter((), FILTER_BOX, random_pair(pixel_seed(x as u32, y as u32), 0, 0).into());
+    glam::dvec2(x as f64 + 0.5 + f64::from(across), y as f64 + 0.5 + f64::from(down))
 }
 
 /// Vertical field of view, in degrees, of a film whose half width is this tangent.

@@ -6,7 +6,7 @@
 
 mod support;
 
-use glam::{Vec3, vec2, vec3};
+use glam::{Vec3, vec3};
 use nullray::backend::cpu::CpuBackend;
 use nullray::backend::vulkan::VulkanBackend;
 use nullray::backend::vulkan::buffer::Buffer;
@@ -23,6 +23,7 @@ use nullray::kernels::sampling::*;
 use nullray::kernels::triangle::intersect_triangle;
 use nullray::kernels::view::SceneView;
 use nullray::scene::ToneMap;
+use nullray::simd::Vector;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::sync::Arc;
@@ -105,26 +106,23 @@ fn run_probe(backend: &VulkanBackend, function: usize, inputs: &[[f32; 16]]) -> 
 
 /// What the Rust twin of a probed function gives for a row of inputs.
 fn twin(function: usize, i: &[f32; 16]) -> Vec<f32> {
-    let v2 = |a: usize| vec2(i[a], i[a + 1]);
+    let v2 = |a: usize| [i[a], i[a + 1]];
     let v3 = |a: usize| vec3(i[a], i[a + 1], i[a + 2]);
     let flat = |parts: &[&[f32]]| parts.concat();
-    let wo = vec3(i[0] - 0.5, i[1] - 0.5, i[2] + 0.05).normalize();
-    let bsdf =
-        Bsdf { color: v3(6), kind: (i[9] * 3.0) as u32, alpha: i[3] + 0.05, eta: if i[10] < 0.5 { 1.5 } else { 1.0 / 1.5 }, albedo: 0.9 };
+    let array = |v: Vector<f32>| Vec3::from(v).to_array();
+    let wo: Vector<f32> = vec3(i[0] - 0.5, i[1] - 0.5, i[2] + 0.05).normalize().into();
+    let eta = if i[10] < 0.5 { 1.5 } else { 1.0 / 1.5 };
+    let bsdf = Bsdf { color: v3(6).into(), kind: (i[9] * 3.0) as u32, alpha: i[3] + 0.05, eta, albedo: 0.9 };
     match function {
         0 => {
             let [x, y] = [i[0], i[1]].map(|v| (v * 16_777_216.0) as u32);
             let seed = pixel_seed(x, y);
             flat(&[&random_pair(seed, x & 63, y).to_array(), &[(hash(seed) >> 8) as f32, (pascal(seed) >> 8) as f32]])
         }
-        1 => flat(&[
-            &sin_cos_turns(i[0]).to_array(),
-            &spherical_direction(2.0 * i[1] - 1.0, i[2]).to_array(),
-            &sample_cosine(v2(3)).to_array(),
-        ]),
+        1 => flat(&[&sin_cos_turns((), i[0]), &array(spherical_direction((), 2.0 * i[1] - 1.0, i[2])), &array(sample_cosine((), v2(3)))]),
         2 => {
-            let n = (v3(0) - Vec3::splat(0.5)).normalize();
-            flat(&[&world_from_frame(n, v3(3)).to_array(), &frame_from_world(n, v3(3)).to_array()])
+            let n = (v3(0) - Vec3::splat(0.5)).normalize().into();
+            flat(&[&array(world_from_frame((), n, v3(3).into())), &array(frame_from_world((), n, v3(3).into()))])
         }
         3 => {
             let shift = |a: usize| (v3(a) - Vec3::splat(0.5)).to_array();
@@ -134,28 +132,31 @@ fn twin(function: usize, i: &[f32; 16]) -> Vec<f32> {
         4 => {
             let origin = v3(0) * 4.0 - Vec3::splat(2.0);
             let direction = v3(3) - Vec3::splat(0.5);
-            let quad = intersect_quad(origin, direction, v3(6), v3(9) - Vec3::splat(0.3), v3(12) - Vec3::splat(0.7), 100.0);
-            flat(&[&[intersect_sphere(origin, direction, v3(6), i[9] + 0.1, 100.0)], &quad.to_array()])
+            let edges = [v3(9) - Vec3::splat(0.3), v3(12) - Vec3::splat(0.7)].map(Vector::from);
+            let quad = intersect_quad((), origin.into(), direction.into(), v3(6).into(), edges[0], edges[1], 100.0);
+            flat(&[&[intersect_sphere(origin, direction, v3(6), i[9] + 0.1, 100.0)], &array(quad)])
         }
         5 => {
             let world = world("");
             let table: Vec<f32> = (0..ALBEDO_SIZE * ALBEDO_SIZE).map(|i| i as f32 / (ALBEDO_SIZE * ALBEDO_SIZE) as f32).collect();
             let view = SceneView { albedo: &table, ..world.view() };
             let m = v3(5) + Vec3::splat(0.01);
+            let lambda = ggx_lambda((), m.into(), i[8] + 0.001);
+            let distribution = ggx_distribution((), m.normalize().into(), i[8] + 0.01);
             flat(&[
-                &[fresnel_dielectric(i[0], 0.4 + 2.0 * i[1])],
-                &fresnel_schlick(v3(2), i[0]).to_array(),
-                &[ggx_lambda(m, i[8] + 0.001), ggx_distribution(m.normalize(), i[8] + 0.01), ggx_albedo(&view, i[9], i[10])],
+                &[fresnel_dielectric((), i[0], 0.4 + 2.0 * i[1])],
+                &array(fresnel_schlick((), v3(2).into(), i[0])),
+                &[lambda, distribution, ggx_albedo((), &view, i[9], i[10])],
             ])
         }
-        6 => sample_visible_normal(wo, i[3] + 0.01, v2(4)).to_array().to_vec(),
+        6 => array(sample_visible_normal((), wo, i[3] + 0.01, v2(4))).to_vec(),
         7 => {
-            let drawn = sample_bsdf(&bsdf, wo, v2(4), i[11]);
-            flat(&[&drawn.wi.to_array(), &drawn.weight.to_array()])
+            let drawn = sample_bsdf((), &bsdf, wo, v2(4), i[11]);
+            flat(&[&array(drawn.wi), &array(drawn.weight)])
         }
         8 => {
-            let (value, pdf) = evaluate_bsdf(&bsdf, wo, (v3(12) - Vec3::splat(0.5)).normalize());
-            flat(&[&value.to_array(), &[pdf]])
+            let (value, pdf) = evaluate_bsdf((), &bsdf, wo, (v3(12) - Vec3::splat(0.5)).normalize().into());
+            flat(&[&array(value), &[pdf]])
         }
         _ => {
             let v = fixed_from_float(i[0] * 2f32.powi((i[1] * 44.0) as i32 - 22));

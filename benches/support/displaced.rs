@@ -4,7 +4,7 @@
 //! rays hit, and are as incoherent as those of a path tracer.
 
 use fearless_simd::{Level, Simd, dispatch};
-use glam::{Vec3, vec2, vec3};
+use glam::{Vec3, vec3};
 use nullray::kernels::bvh::{EMPTY_STACK, Hit, closest_hit, slabs, straight};
 use nullray::kernels::constants::NO_INDEX;
 use nullray::kernels::rng::{hash, unit_float};
@@ -175,9 +175,9 @@ pub fn diffuse_rays(mesh: &Mesh, view: &SceneView, rays: &[Ray], hits: &[Hit]) -
         let [a, b, c] = mesh.indices[triangle as usize].map(|i| Vec3::from(mesh.positions[i as usize]));
         let outward = (b - a).cross(c - a).normalize();
         let normal = if outward.dot(ray.direction) > 0.0 { -outward } else { outward };
-        let u = vec2(unit_float(hash(2 * i as u32)), unit_float(hash(2 * i as u32 + 1)));
+        let u = [unit_float(hash(2 * i as u32)), unit_float(hash(2 * i as u32 + 1))];
         let origin = ray.origin + ray.direction * hit.t + normal * OFFSET;
-        bounced.push(Ray { origin, direction: world_from_frame(normal, sample_cosine(u)) });
+        bounced.push(Ray { origin, direction: world_from_frame((), normal.into(), sample_cosine((), u)).into() });
     }
     bounced.truncate(bounced.len() / 8 * 8);
     bounced

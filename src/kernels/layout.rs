@@ -54,8 +54,8 @@ pub struct Vertex {
 
 /// An analytic primitive.
 ///
-/// `data` is, by `kind`: sphere: center and radius; quad: corner, u and v; box: rows of the affine map from the world to the
-/// unit cube; disc: center, inner radius, unit normal, outer radius, start of its profile.
+/// `data` is, by `kind`: sphere: center and radius; quad: corner, u, v and unit normal; box: rows of the affine map from the
+/// world to the unit cube; disc: center, inner radius, unit normal, outer radius, start of its profile.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Primitive {

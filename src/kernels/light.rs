@@ -9,6 +9,7 @@ use super::primitive::intersect_quad;
 use super::sampling::{sin_cos_turns, spherical_direction, world_from_frame};
 use super::texture::sample_texture;
 use super::view::SceneView;
+use crate::simd::{Lane, Vector, by_lane, store, vector};
 use glam::{Vec2, Vec3, vec2, vec3};
 
 /// Index of the light chosen by the uniform number `u`.
@@ -29,76 +30,123 @@ pub fn choose_light(view: &SceneView, u: f32) -> u32 {
 
 /// 1 - cos of the half angle under which a sphere appears; 2 from inside.
 #[inline(always)]
-pub fn sphere_cap(light: &Light, position: Vec3) -> f32 {
-    let distance2 = (Vec3::from(light.position) - position).length_squared();
-    let sin2 = light.size * light.size / distance2;
-    if sin2 >= 1.0 { 2.0 } else { sin2 / (1.0 + (1.0 - sin2).sqrt()) }
+pub fn sphere_cap<L: Lane<Real = f32>>(token: L::Token, light: &Light, position: Vector<L>) -> L {
+    let one = L::splat(token, 1.0);
+    let to_center = Vector::constant(token, light.position) - position;
+    let sin2 = L::splat(token, light.size * light.size) / to_center.dot(to_center);
+    L::select(sin2.lt(one), sin2 / (one + (one - sin2).sqrt()), L::splat(token, 2.0))
 }
 
 /// A direction towards the light, by `u` uniform in the unit square. Its density is `light_pdf`.
 #[inline(always)]
-pub fn sample_light(view: &SceneView, light: &Light, position: Vec3, u: Vec2) -> Vec3 {
+pub fn sample_light<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, light: &Light, position: Vector<L>, u: [L; 2]) -> Vector<L> {
+    let c = |value: f32| L::splat(token, value);
     if light.kind == LIGHT_ENVIRONMENT {
-        return sample_environment(view, u);
+        let (u, v) = (store(u[0]), store(u[1]));
+        return Vector::by_lane(token, |i| sample_environment(view, vec2(u[i], v[i])).into());
     }
-    let origin = Vec3::from(light.position);
+    let origin = Vector::constant(token, light.position);
     if light.kind == LIGHT_SPHERE {
-        let cap = sphere_cap(light, position);
-        let local = spherical_direction(1.0 - u.x * cap, u.y);
-        let to_center = origin - position;
-        let axis = if cap == 2.0 { vec3(0.0, 0.0, 1.0) } else { to_center.normalize() };
-        return world_from_frame(axis, local);
+        let cap = sphere_cap(token, light, position);
+        let local = spherical_direction(token, c(1.0) - u[0] * cap, u[1]);
+        let outside = cap.lt(c(2.0));
+        let axis = Vector::select(outside, (origin - position).normalize(token), vector(c(0.0), c(0.0), c(1.0)));
+        return world_from_frame(token, axis, local);
     }
     let mut s = u;
     if light.kind == LIGHT_TRIANGLE {
-        let root = u.x.sqrt();
-        s = vec2(1.0 - root, u.y * root);
+        let root = u[0].sqrt();
+        s = [c(1.0) - root, u[1] * root];
     }
-    let point = origin + Vec3::from(light.edge_u) * s.x + Vec3::from(light.edge_v) * s.y;
-    (point - position).normalize()
+    let point = origin + Vector::constant(token, light.edge_u) * s[0] + Vector::constant(token, light.edge_v) * s[1];
+    (point - position).normalize(token)
 }
 
 /// Density of `sample_light` at `direction` (1/sr).
 #[inline(always)]
-pub fn light_pdf(view: &SceneView, light: &Light, position: Vec3, direction: Vec3) -> f32 {
+pub fn light_pdf<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, light: &Light, position: Vector<L>, direction: Vector<L>) -> L {
+    let c = |value: f32| L::splat(token, value);
+    let zero = c(0.0);
     if light.kind == LIGHT_ENVIRONMENT {
-        return environment_pdf(view, direction);
+        let [x, y, z] = direction.rows();
+        return by_lane(token, |i| environment_pdf(view, vec3(x[i], y[i], z[i])));
     }
-    let origin = Vec3::from(light.position);
+    let origin = Vector::constant(token, light.position);
     if light.kind == LIGHT_SPHERE {
-        let cap = sphere_cap(light, position);
+        let cap = sphere_cap(token, light, position);
         let to_center = origin - position;
-        let distance2 = to_center.length_squared();
-        let offset = to_center - direction * to_center.dot(direction);
-        let inside = cap == 2.0;
-        let towards = to_center.dot(direction) > 0.0 && offset.length_squared() <= light.size * light.size;
-        return if inside || (towards && distance2 > 0.0) { 1.0 / (TAU * cap) } else { 0.0 };
+        let along = to_center.dot(direction);
+        let offset = to_center - direction * along;
+        let towards = L::both(zero.lt(along), offset.dot(offset).lt(c(light.size * light.size)));
+        let density = c(1.0) / (c(TAU) * cap);
+        return L::select(towards, density, L::select(cap.lt(c(2.0)), zero, density));
     }
-    let edge_u = Vec3::from(light.edge_u);
-    let edge_v = Vec3::from(light.edge_v);
-    let found = intersect_quad(position, direction, origin, edge_u, edge_v, FAR);
-    if found.x <= 0.0 || (light.kind == LIGHT_TRIANGLE && found.y + found.z > 1.0) {
-        return 0.0;
+    let edge_u = Vector::constant(token, light.edge_u);
+    let edge_v = Vector::constant(token, light.edge_v);
+    let found = intersect_quad(token, position, direction, origin, edge_u, edge_v, c(FAR));
+    let mut met = zero.lt(found.x);
+    if light.kind == LIGHT_TRIANGLE {
+        met = L::both(met, (found.y + found.z).lt(c(1.0)));
     }
-    let normal = edge_u.cross(edge_v).normalize();
-    found.x * found.x / (normal.dot(direction).abs() * light.size).max(1e-20)
+    let cosine = edge_u.cross(edge_v).normalize(token).dot(direction);
+    let area = cosine.max(-cosine) * c(light.size);
+    L::select(met, found.x * found.x / area.max(c(1e-20)), zero)
 }
 
-/// Density (1/sr) with which light sampling draws `direction` when it has chosen light number `chosen`.
+/// A direction towards the light that `choice`, uniform in [0, 1), chooses.
+#[inline(always)]
+pub fn sample_lights<L: Lane<Real = f32>>(
+    token: L::Token,
+    view: &SceneView,
+    wanted: L::Mask,
+    choice: L,
+    position: Vector<L>,
+    u: [L; 2],
+) -> Vector<L> {
+    let count = view.scene.light_count;
+    if count > MAX_SUMMED_LIGHTS {
+        let (choice, [x, y, z], u, v) = (store(choice), position.rows(), store(u[0]), store(u[1]));
+        let wanted = L::bits(wanted);
+        return Vector::by_lane(token, |i| {
+            if wanted >> i & 1 == 0 {
+                return vector(0.0, 0.0, 1.0);
+            }
+            let light = view.light(choose_light(view, choice[i]));
+            sample_light((), view, light, vector(x[i], y[i], z[i]), [u[i], v[i]])
+        });
+    }
+    let (mut direction, mut todo) = (position, L::bits(wanted));
+    for i in 0..count {
+        let light = view.light(i);
+        let below = L::bits(choice.lt(L::splat(token, light.cumulative)));
+        if todo & below != 0 {
+            direction = Vector::select(L::mask(token, todo & below), sample_light(token, view, light, position, u), direction);
+        }
+        todo &= !below;
+    }
+    direction
+}
+
+/// Density (1/sr) with which light sampling draws `direction` when it has chosen a light by `choice`.
 ///
 /// With few lights this is the density over all of them, so that none is left to the surface's lobes alone; with many it
 /// is that of the chosen one, which is as unbiased and costs the same however many there are.
 #[inline(always)]
-pub fn lights_pdf(view: &SceneView, chosen: u32, position: Vec3, direction: Vec3) -> f32 {
+pub fn lights_pdf<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, choice: L, position: Vector<L>, direction: Vector<L>) -> L {
     let count = view.scene.light_count;
     if count > MAX_SUMMED_LIGHTS {
-        return light_pdf(view, view.light(chosen), position, direction);
+        let (choice, [x, y, z], [dx, dy, dz]) = (store(choice), position.rows(), direction.rows());
+        return by_lane(token, |i| {
+            let light = view.light(choose_light(view, choice[i]));
+            light_pdf((), view, light, vector(x[i], y[i], z[i]), vector(dx[i], dy[i], dz[i]))
+        });
     }
-    let mut sum = 0.0;
+    let mut sum = L::splat(token, 0.0);
     let mut before = 0.0;
     for i in 0..count {
         let light = view.light(i);
-        sum += (light.cumulative - before) * light_pdf(view, light, position, direction);
+        let share = L::splat(token, light.cumulative - before);
+        sum = light_pdf(token, view, light, position, direction).mul_add(share, sum);
         before = light.cumulative;
     }
     sum
@@ -179,10 +227,10 @@ pub fn sample_environment(view: &SceneView, u: Vec2) -> Vec3 {
     let s = (column as f32 + ((u.x - low) / (high - low)).clamp(0.0, 1.0)) / columns as f32;
     let t = (row as f32 + ((u.y - row_low) / (row_high - row_low)).clamp(0.0, 1.0)) / rows as f32;
     // Rows count from the zenith.
-    let polar = sin_cos_turns(t * 0.5);
+    let [sin_polar, cos_polar] = sin_cos_turns((), t * 0.5);
     let turns = s - 0.5 - environment.angle / TAU;
-    let around = sin_cos_turns(turns - turns.floor());
-    vec3(around.x * polar.x, polar.y, -around.y * polar.x)
+    let [sin_around, cos_around] = sin_cos_turns((), turns - turns.floor());
+    vec3(sin_around * sin_polar, cos_polar, -cos_around * sin_polar)
 }
 
 /// Density of `sample_environment` (1/sr).

@@ -8,13 +8,14 @@ use super::bvh::Hit;
 use super::camera::{camera_ray, sample_filter};
 use super::constants::*;
 use super::layout::{Aov, Material, Vertex};
-use super::light::{choose_light, environment_radiance, lights_pdf, sample_light};
+use super::light::{environment_radiance, lights_pdf, sample_lights};
 use super::material::{Bsdf, evaluate_bsdf, ggx_albedo, is_delta, light_share, sample_bsdf};
 use super::primitive::{primitive_normal, primitive_uv};
-use super::rng::{pixel_seed, random_pair};
+use super::rng::{pixel_seed, random_pairs};
 use super::sampling::{frame_from_world, world_from_frame};
 use super::texture::sample_texture;
 use super::view::SceneView;
+use crate::simd::{Lane, MAX_LANES, Vector, by_lane, store};
 use glam::{Vec2, Vec3, vec2, vec3};
 
 /// A path between two rays.
@@ -92,26 +93,124 @@ pub struct Surface {
     pub object: u32,
 }
 
-/// A camera path for sample `sample_index` of pixel (x, y).
+/// What a ray meets at its end.
+#[derive(Clone, Copy, Debug)]
+#[allow(clippy::large_enum_variant, reason = "it is taken apart at once")]
+pub enum Meeting {
+    /// The path ends here.
+    Ends,
+    /// The path goes on as it came.
+    Passes,
+    /// The path goes on in a direction that is to be drawn.
+    Scatters(Encounter),
+}
+
+/// A path at a surface that scatters it, as the local observer sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Encounter {
+    /// What the next direction depends on.
+    pub scattering: Scattering<f32>,
+    /// Whether the path came from outside.
+    pub outside: bool,
+    /// Way off the surface to the side the path came from, in the world.
+    pub offset: Vec3,
+    /// Dielectrics the path is inside of if it is transmitted.
+    pub media_beyond: [u32; 2],
+}
+
+/// What the next direction of a path depends on, or of one per lane.
+#[derive(Clone, Copy, Debug)]
+pub struct Scattering<L> {
+    /// Position in the world.
+    pub position: Vector<L>,
+    /// Outward unit normal of the geometry.
+    pub outward: Vector<L>,
+    /// Interpolated unit normal.
+    pub shading: Vector<L>,
+    /// Unit direction back along the path.
+    pub wo: Vector<L>,
+    /// What scatters; the albedo is not known yet.
+    pub bsdf: Bsdf<L>,
+}
+
+impl<L: Lane<Real = f32>> Scattering<L> {
+    /// One per lane; their surfaces are of one kind, and all smooth or none.
+    #[inline(always)]
+    pub fn by_lane<'a>(token: L::Token, of_lane: impl Fn(usize) -> &'a Scattering<f32>) -> Self {
+        Scattering {
+            position: Vector::by_lane(token, |i| of_lane(i).position),
+            outward: Vector::by_lane(token, |i| of_lane(i).outward),
+            shading: Vector::by_lane(token, |i| of_lane(i).shading),
+            wo: Vector::by_lane(token, |i| of_lane(i).wo),
+            bsdf: Bsdf {
+                color: Vector::by_lane(token, |i| of_lane(i).bsdf.color),
+                kind: of_lane(0).bsdf.kind,
+                alpha: by_lane(token, |i| of_lane(i).bsdf.alpha),
+                eta: by_lane(token, |i| of_lane(i).bsdf.eta),
+                albedo: by_lane(token, |i| of_lane(i).bsdf.albedo),
+            },
+        }
+    }
+}
+
+/// Random numbers of a bounce.
+#[derive(Clone, Copy, Debug)]
+pub struct BouncePairs<L> {
+    /// Whether to aim at a light, and at which.
+    pub strategy: [L; 2],
+    /// The direction.
+    pub direction: [L; 2],
+    /// Reflection or transmission, and the path's survival.
+    pub lobe: [L; 2],
+}
+
+/// A direction drawn, or one per lane.
+#[derive(Clone, Copy, Debug)]
+pub struct Draw<L> {
+    /// The unit direction the path takes.
+    pub wi: Vector<L>,
+    /// Factor on its throughput.
+    pub weight: Vector<L>,
+}
+
+/// Camera paths for sample `sample_index` of the pixel of each lane, handed to `start` one by one.
 #[inline(always)]
-pub fn start_path(view: &SceneView, x: u32, y: u32, sample_index: u32) -> PathState {
+pub fn start_path<L: Lane<Real = f32>>(
+    token: L::Token,
+    view: &SceneView,
+    pixel: impl Fn(usize) -> (u32, u32),
+    sample_index: u32,
+    mut start: impl FnMut(usize, PathState),
+) {
     let scene = view.scene;
-    let seed = pixel_seed(x, y);
-    let offset = sample_filter(scene.filter_kind, random_pair(seed, 0, sample_index));
-    let film = vec2(x as f32 + 0.5, y as f32 + 0.5) + offset;
-    let lens = if scene.aperture_radius > 0.0 { random_pair(seed, 1, sample_index) } else { Vec2::ZERO };
-    let (origin, direction, frequency_ratio) = camera_ray(scene, film, lens);
-    PathState {
-        origin,
-        width: scene.cone_width,
-        direction,
-        spread: scene.pixel_spread,
-        throughput: Vec3::ONE,
-        bounce: 0,
-        radiance: Vec3::ZERO,
-        media: [0; 2],
-        frequency_ratio,
-        side: 0,
+    let (mut seeds, mut corner) = ([0; MAX_LANES], [[0.0; MAX_LANES]; 2]);
+    for lane in 0..L::LANES {
+        let (x, y) = pixel(lane);
+        seeds[lane] = pixel_seed(x, y);
+        (corner[0][lane], corner[1][lane]) = (x as f32, y as f32);
+    }
+    let pairs = |pair| random_pairs::<L>(token, &seeds, &[pair; MAX_LANES], sample_index);
+    let half = L::splat(token, 0.5);
+    let offset = sample_filter(token, scene.filter_kind, pairs(0));
+    let film = [L::load(token, &corner[0]) + half + offset[0], L::load(token, &corner[1]) + half + offset[1]];
+    let lens = if scene.aperture_radius > 0.0 { pairs(1) } else { [half; 2] };
+    let (origin, direction, frequency_ratio) = camera_ray(token, scene, film, lens);
+    let (origin, direction, frequency_ratio) = (origin.rows(), direction.rows(), store(frequency_ratio));
+    for lane in 0..L::LANES {
+        let at = |rows: &[[f32; MAX_LANES]; 3]| vec3(rows[0][lane], rows[1][lane], rows[2][lane]);
+        let path = PathState {
+            origin: at(&origin),
+            width: scene.cone_width,
+            direction: at(&direction),
+            spread: scene.pixel_spread,
+            throughput: Vec3::ONE,
+            bounce: 0,
+            radiance: Vec3::ZERO,
+            media: [0; 2],
+            frequency_ratio: frequency_ratio[lane],
+            side: 0,
+        };
+        start(lane, path);
     }
 }
 
@@ -297,9 +396,10 @@ pub fn escape(view: &SceneView, path: &mut PathState, arrival: &Arrival) {
     }
 }
 
-/// Handles the hit at the end of a ray: emission, scattering, roulette. Returns whether the path goes on.
+/// Handles the hit at the end of a ray up to the scattering: absorption, emission, what lets light pass. The path goes on only if
+/// what is met scatters, or lets it pass.
 #[inline(always)]
-pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, path: &mut PathState, arrival: &Arrival) -> bool {
+pub fn meet_surface(view: &SceneView, surface: &Surface, path: &mut PathState, arrival: &Arrival) -> Meeting {
     let scene = view.scene;
     let material_id = view.objects[surface.object as usize];
     let material = view.material(surface.object);
@@ -319,88 +419,92 @@ pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, 
     }
     path.frequency_ratio *= arrival.redshift;
     path.side = arrival.side;
+    path.width += path.spread * arrival.path_length;
 
     // Count emission, on the outer side or on both.
     let wo = -arrival.direction;
     let outside = outward.dot(wo) > 0.0;
-    let offset = ORIGIN_OFFSET * surface.position.abs().max_element() + scene.origin_offset;
+    let distance = ORIGIN_OFFSET * surface.position.abs().max_element() + scene.origin_offset;
+    let offset = surface.normal_geometric * if outside { distance } else { -distance };
     if material.kind == MATERIAL_ACCRETION {
         let hottest = material.temperature * disc_profile(view, material, arrival.u).x;
         let thermal = black_body(view, hottest * path.frequency_ratio * arrival.doppler);
         path.radiance += path.throughput * Vec3::from(material.emission) * thermal;
         if (material.flags & MATERIAL_OPAQUE) != 0 {
-            return false;
+            return Meeting::Ends;
         }
         // Light from behind passes as it came.
-        path.origin = surface.position + surface.normal_geometric * if outside { -offset } else { offset };
+        path.origin = surface.position - offset;
         path.direction = arrival.direction;
-        path.width += path.spread * arrival.path_length;
-        return true;
+        return Meeting::Passes;
     }
     if outside || (material.flags & MATERIAL_TWO_SIDED) != 0 {
         path.radiance += path.throughput * emission_at(view, material, surface.uv, path.frequency_ratio);
     }
     if material.kind == MATERIAL_EMISSIVE || path.bounce >= scene.max_depth {
-        return false;
+        return Meeting::Ends;
     }
-
-    // Turn the normals to the side the ray came from.
-    let geometric = if outside { outward } else { -outward };
-    let mut normal = shading;
-    normal = if normal.dot(geometric) < 0.0 { -normal } else { normal };
-    normal = if normal.dot(wo) < 1e-4 { geometric } else { normal };
-    let wo_local = frame_from_world(normal, wo);
 
     // Resolve the surface's scattering.
     let roughness = roughness_at(view, material, surface.uv);
     let mut bsdf = Bsdf {
-        color: base_color_at(view, material, surface.uv),
+        color: base_color_at(view, material, surface.uv).into(),
         kind: material.kind,
         alpha: (roughness * roughness).max(MIN_ALPHA),
         eta: 1.0,
         albedo: 1.0,
     };
     let media_beyond = if outside { media_push(path.media, material_id + 1) } else { media_remove(path.media, material_id + 1) };
-    if material.kind == MATERIAL_METALLIC {
-        bsdf.albedo = ggx_albedo(view, wo_local.z, roughness);
-    }
     if material.kind == MATERIAL_DIELECTRIC {
         let before = if outside { media_ior(view, inside) } else { material.ior };
         bsdf.eta = media_ior(view, media_top(media_beyond)) / before;
         // A boundary between equal indices is not there.
         bsdf.alpha = if roughness == 0.0 || bsdf.eta == 1.0 { 0.0 } else { bsdf.alpha };
     }
+    let scattering =
+        Scattering { position: surface.position.into(), outward: outward.into(), shading: shading.into(), wo: wo.into(), bsdf };
+    Meeting::Scatters(Encounter { scattering, outside, offset, media_beyond })
+}
 
-    // Draw a direction from the mixture.
-    let first = CAMERA_PAIRS + path.bounce * BOUNCE_PAIRS;
-    let direction = random_pair(seed, first + 1, sample_index);
-    let roulette = path.bounce + 1 >= ROULETTE_BOUNCE;
-    let mut lobe = Vec2::ZERO;
-    if roulette || material.kind == MATERIAL_DIELECTRIC {
-        lobe = random_pair(seed, first + 2, sample_index);
+/// Draws a direction from the mixture, and the weight of the path in it: zero where the geometry does not let it go.
+#[inline(always)]
+pub fn draw_direction<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, at: &Scattering<L>, random: &BouncePairs<L>) -> Draw<L> {
+    let (zero, one) = (L::splat(token, 0.0), L::splat(token, 1.0));
+    // Turn the normals to the side the path came from.
+    let geometric = Vector::select(zero.lt(at.outward.dot(at.wo)), at.outward, -at.outward);
+    let facing = Vector::select(at.shading.dot(geometric).lt(zero), -at.shading, at.shading);
+    let normal = Vector::select(facing.dot(at.wo).lt(L::splat(token, 1e-4)), geometric, facing);
+    let wo = frame_from_world(token, normal, at.wo);
+    let mut bsdf = at.bsdf;
+    if bsdf.kind == MATERIAL_METALLIC {
+        bsdf.albedo = ggx_albedo(token, view, wo.z, bsdf.alpha.sqrt());
     }
-    let share = if scene.light_count == 0 || is_delta(&bsdf) { 0.0 } else { light_share(&bsdf, scene.light_share) };
-    let drawn = sample_bsdf(&bsdf, wo_local, direction, lobe.x);
-    let mut wi = world_from_frame(normal, drawn.wi);
+
+    let drawn = sample_bsdf(token, &bsdf, wo, random.direction, random.lobe[0]);
+    let mut wi = world_from_frame(token, normal, drawn.wi);
     let mut weight = drawn.weight;
-    if share > 0.0 {
-        let strategy = random_pair(seed, first, sample_index);
-        let chosen = choose_light(view, strategy.y);
-        if strategy.x < share {
-            wi = sample_light(view, view.light(chosen), surface.position, direction);
-        }
-        let (value, pdf) = evaluate_bsdf(&bsdf, wo_local, frame_from_world(normal, wi));
-        let density = share * lights_pdf(view, chosen, surface.position, wi) + (1.0 - share) * pdf;
-        weight = if density > 0.0 { value * (1.0 / density) } else { Vec3::ZERO };
+    if view.scene.light_count > 0 && !is_delta(token, &bsdf) {
+        let share = light_share(token, &bsdf, view.scene.light_share);
+        let [strategy, choice] = random.strategy;
+        let aimed = strategy.lt(share);
+        wi = Vector::select(aimed, sample_lights(token, view, aimed, choice, at.position, random.direction), wi);
+        let (value, pdf) = evaluate_bsdf(token, &bsdf, wo, frame_from_world(token, normal, wi));
+        let density = share * lights_pdf(token, view, choice, at.position, wi) + (one - share) * pdf;
+        let mixed = Vector::select(zero.lt(density), value * (one / density), Vector::uniform(zero));
+        weight = Vector::select(zero.lt(share), mixed, weight);
     }
 
-    // The geometry must agree on whether the direction reflects or transmits.
-    let reflects = wi.dot(normal) > 0.0;
-    if (wi.dot(geometric) > 0.0) != reflects {
-        return false;
-    }
-    let importance = (path.throughput * bsdf.color).max_element();
-    path.throughput *= weight;
+    // The geometry must agree on whether the direction reflects or transmits: the sign of one is that of the other.
+    let agree = zero.lt(wi.dot(normal) * wi.dot(geometric));
+    Draw { wi, weight: Vector::select(agree, weight, Vector::uniform(zero)) }
+}
+
+/// Sends the path on in a direction that was drawn: roulette, by `chance` uniform in [0, 1), and the start of the next ray. Returns
+/// whether it goes on.
+#[inline(always)]
+pub fn leave_surface(view: &SceneView, path: &mut PathState, at: &Encounter, draw: &Draw<f32>, chance: f32) -> bool {
+    let importance = (path.throughput * Vec3::from(at.scattering.bsdf.color)).max_element();
+    path.throughput *= Vec3::from(draw.weight);
     let strongest = path.throughput.max_element();
     if strongest.is_nan() || strongest <= 0.0 {
         return false;
@@ -408,25 +512,26 @@ pub fn shade(view: &SceneView, seed: u32, sample_index: u32, surface: &Surface, 
 
     // Russian roulette, by what the path brings in all directions: towards a small light it brings little, but meets much. What a
     // dielectric compresses it gives back.
-    if roulette {
-        let index = media_ior(view, inside);
+    path.bounce += 1;
+    if path.bounce >= ROULETTE_BOUNCE {
+        let index = media_ior(view, media_top(path.media));
         let survival = (importance * index * index).clamp(MIN_SURVIVAL, MAX_SURVIVAL);
-        if lobe.y >= survival {
+        if chance >= survival {
             return false;
         }
         path.throughput *= 1.0 / survival;
     }
 
     // Leave the surface.
+    let reflects = (draw.wi.dot(at.scattering.outward) > 0.0) == at.outside;
     if !reflects {
-        path.media = media_beyond;
+        path.media = at.media_beyond;
     }
-    path.origin = surface.position + surface.normal_geometric * if reflects == outside { offset } else { -offset };
-    path.direction = wi;
-    path.width += path.spread * arrival.path_length;
-    let scatter = if material.kind == MATERIAL_DIFFUSE { 1.0 } else { bsdf.alpha.min(1.0) };
+    path.origin = Vec3::from(at.scattering.position) + if reflects { at.offset } else { -at.offset };
+    path.direction = draw.wi.into();
+    let bsdf = &at.scattering.bsdf;
+    let scatter = if bsdf.kind == MATERIAL_DIFFUSE { 1.0 } else { bsdf.alpha.min(1.0) };
     path.spread = path.spread.max(DIFFUSE_SPREAD * scatter);
-    path.bounce += 1;
     true
 }
 

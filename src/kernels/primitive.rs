@@ -3,6 +3,7 @@
 use super::constants::*;
 use super::layout::Primitive;
 use super::sampling::frame_from_world;
+use crate::simd::{Lane, Vector, vector};
 use glam::{Vec2, Vec3, vec2, vec3};
 
 /// Ray parameter in (0, t_max) where the ray meets the sphere, or -1 (Haines et al., Ray Tracing Gems, chapter 7).
@@ -28,15 +29,27 @@ pub fn intersect_sphere(origin: Vec3, direction: Vec3, center: Vec3, radius: f32
 
 /// Ray parameter in (0, t_max) and coordinates along `edge_u` and `edge_v` where the ray meets the parallelogram; t = -1 elsewhere.
 #[inline(always)]
-pub fn intersect_quad(origin: Vec3, direction: Vec3, corner: Vec3, edge_u: Vec3, edge_v: Vec3, t_max: f32) -> Vec3 {
+pub fn intersect_quad<L: Lane<Real = f32>>(
+    token: L::Token,
+    origin: Vector<L>,
+    direction: Vector<L>,
+    corner: Vector<L>,
+    edge_u: Vector<L>,
+    edge_v: Vector<L>,
+    t_max: L,
+) -> Vector<L> {
+    let (zero, one) = (L::splat(token, 0.0), L::splat(token, 1.0));
     let normal = edge_u.cross(edge_v);
     let t = normal.dot(corner - origin) / normal.dot(direction);
     let p = origin + direction * t - corner;
-    let scale = 1.0 / normal.dot(normal);
+    let scale = one / normal.dot(normal);
     let u = p.cross(edge_v).dot(normal) * scale;
     let v = edge_u.cross(p).dot(normal) * scale;
-    let inside = (0.0..=1.0).contains(&u) && (0.0..=1.0).contains(&v);
-    if inside && t > 0.0 && t < t_max { vec3(t, u, v) } else { vec3(-1.0, 0.0, 0.0) }
+    // The least distance from an edge: not negative on it, and a number.
+    let margin = u.min(one - u).min(v.min(one - v));
+    let inside = L::splat(token, -f32::MIN_POSITIVE).lt(margin);
+    let ahead = L::both(zero.lt(t), t.lt(t_max));
+    Vector::select(L::both(inside, ahead), vector(t, u, v), vector(-one, zero, zero))
 }
 
 /// Row `i` of an affine map applied to a point (`w` = 1) or a vector (`w` = 0).
@@ -84,7 +97,8 @@ pub fn intersect_primitive(primitive: &Primitive, origin: Vec3, direction: Vec3,
         return vec3(intersect_sphere(origin, direction, first, d[3], t_max), 0.0, 0.0);
     }
     if primitive.kind == PRIMITIVE_QUAD {
-        return intersect_quad(origin, direction, first, vec3(d[3], d[4], d[5]), vec3(d[6], d[7], d[8]), t_max);
+        let (edge_u, edge_v) = (vector(d[3], d[4], d[5]), vector(d[6], d[7], d[8]));
+        return intersect_quad((), origin.into(), direction.into(), first.into(), edge_u, edge_v, t_max).into();
     }
     if primitive.kind == PRIMITIVE_DISC {
         return intersect_disc(origin, direction, primitive, t_max);
@@ -115,7 +129,7 @@ pub fn primitive_normal(primitive: &Primitive, position: Vec3) -> Vec3 {
         return (position - vec3(d[0], d[1], d[2])).normalize();
     }
     if primitive.kind == PRIMITIVE_QUAD {
-        return vec3(d[3], d[4], d[5]).cross(vec3(d[6], d[7], d[8])).normalize();
+        return vec3(d[9], d[10], d[11]);
     }
     if primitive.kind == PRIMITIVE_DISC {
         return vec3(d[4], d[5], d[6]);
@@ -145,7 +159,7 @@ pub fn primitive_uv(primitive: &Primitive, position: Vec3, uv: Vec2) -> Vec2 {
     if primitive.kind == PRIMITIVE_DISC {
         // Around the normal from an arbitrary direction, and outward.
         let d = &primitive.data;
-        let local = frame_from_world(vec3(d[4], d[5], d[6]), position - vec3(d[0], d[1], d[2]));
+        let local = frame_from_world((), vector(d[4], d[5], d[6]), (position - vec3(d[0], d[1], d[2])).into());
         return vec2(0.5 + local.y.atan2(local.x) / TAU, (uv.x - d[3]) / (d[7] - d[3]));
     }
     let local = box_local(primitive, position);

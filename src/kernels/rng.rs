@@ -4,6 +4,7 @@
 //! Burley, "Practical Hash-based Owen Scrambling" (JCGT 2020); each pair of dimensions is a (0,2)-sequence of its own, shuffled
 //! by a scramble of the index. The second Sobol dimension is the Pascal matrix, applied here in five shifts.
 
+use crate::simd::{Lane, MAX_LANES};
 use glam::{Vec2, vec2};
 
 /// Integer hash (PCG-RXS-M-XS, O'Neill 2014).
@@ -58,4 +59,16 @@ pub fn random_pair(seed: u32, pair: u32, sample_index: u32) -> Vec2 {
     let first = laine_karras(index, hash(key ^ 0x68bc_21eb)).reverse_bits();
     let second = laine_karras(pascal(index), hash(key ^ 0x02e5_be93)).reverse_bits();
     vec2(unit_float(first), unit_float(second))
+}
+
+/// [`random_pair`] for the seed and the pair of each lane.
+#[inline(always)]
+pub fn random_pairs<L: Lane<Real = f32>>(token: L::Token, seeds: &[u32; MAX_LANES], pairs: &[u32; MAX_LANES], sample_index: u32) -> [L; 2] {
+    let mut rows = [[0.0; MAX_LANES]; 2];
+    // Plain numbers in a plain loop: the compiler makes registers of it.
+    for lane in 0..L::LANES {
+        let pair = random_pair(seeds[lane], pairs[lane], sample_index);
+        (rows[0][lane], rows[1][lane]) = (pair.x, pair.y);
+    }
+    [L::load(token, &rows[0]), L::load(token, &rows[1])]
 }

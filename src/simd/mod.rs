@@ -3,6 +3,10 @@
 //! Registers come from `fearless_simd`, whose level (AVX-512, AVX2, SSE2, NEON, ...) is chosen at run time; the token that proves
 //! the level travels with every constant. A scalar lane has the token `()` and is the reference the registers are tested against.
 
+mod vector;
+
+pub use vector::{Vector, vector};
+
 use fearless_simd::{Select as _, Simd, SimdBase, SimdCvtFloat as _, SimdCvtTruncate as _, SimdFloat, SimdMask};
 use fearless_simd::{f32x8, f32x16, f64x8, i32x8, i32x16, i64x8, mask32x8, mask32x16, mask64x8};
 use std::ops::{Add, Div, Mul, Neg, Sub};
@@ -87,6 +91,24 @@ macro_rules! dispatch {
         #[cfg(not(target_arch = "x86_64"))]
         fearless_simd::dispatch!($level, $simd => $body)
     }};
+}
+
+/// A number per lane, each by its own call.
+#[inline(always)]
+pub fn by_lane<L: Lane>(token: L::Token, mut of_lane: impl FnMut(usize) -> L::Real) -> L {
+    let mut row = [L::Real::default(); MAX_LANES];
+    for lane in 0..L::LANES {
+        row[lane] = of_lane(lane);
+    }
+    L::load(token, &row)
+}
+
+/// The lanes as numbers.
+#[inline(always)]
+pub fn store<L: Lane>(lanes: L) -> [L::Real; MAX_LANES] {
+    let mut row = [L::Real::default(); MAX_LANES];
+    lanes.store(&mut row);
+    row
 }
 
 /// The same vector in every lane.

@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::kernels::camera::camera_ray;
 use crate::kernels::constants::{STATUS_CAPTURED, STATUS_ESCAPED, STATUS_EXHAUSTED, STATUS_HIT};
 use crate::scene::{Geometry, Scene};
-use glam::{DVec3, Vec2, vec2};
+use glam::{DVec3, Vec3, vec2};
 
 /// Points of a path: more would not be seen, and every one costs a ray.
 const POINTS: u32 = 96;
@@ -25,8 +25,8 @@ pub fn pick(lane: &mut Lane, pixel: (u32, u32), (width, height): (u32, u32), go_
     parameters.aperture_radius = 0.0;
     let film = vec2(parameters.film_width as f32, parameters.film_height as f32);
     let at = vec2(pixel.0 as f32 + 0.5, pixel.1 as f32 + 0.5) / vec2(width as f32, height as f32) * film;
-    let (origin, direction, _) = camera_ray(&parameters, at, Vec2::splat(0.5));
-    let (origin, direction) = (origin.as_dvec3(), direction.as_dvec3());
+    let (origin, direction, _) = camera_ray((), &parameters, at.to_array(), [0.5; 2]);
+    let (origin, direction) = (Vec3::from(origin).as_dvec3(), Vec3::from(direction).as_dvec3());
     // The error that a pixel of the window allows at the distance of the target.
     let width_there = f64::from(parameters.pixel_spread) * f64::from(film.y) / f64::from(height) * scene.camera.focus_distance;
     let tolerance = (scene.integrator.tolerance * width_there).max(LEAST_TOLERANCE);

@@ -234,6 +234,7 @@ impl World {
                     for (i, vector) in [corner, u, v].into_iter().enumerate() {
                         data[3 * i..3 * i + 3].copy_from_slice(&vector.as_vec3().to_array());
                     }
+                    data[9..].copy_from_slice(&u.cross(*v).normalize_or_zero().as_vec3().to_array());
                     PRIMITIVE_QUAD
                 }
                 Geometry::Box { world_from_unit } => {

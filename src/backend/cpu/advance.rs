@@ -155,6 +155,7 @@ impl<T: Scalar> Solo<T> {
         self.cross(simd, course, stack)
     }
 
+    #[inline(always)]
     fn landing(&self, status: u32, observed: &Observed<T>) -> Landing<T> {
         let (hit, position) = match self.hit {
             Some((hit, position)) => (hit, position),

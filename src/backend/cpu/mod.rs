@@ -3,6 +3,7 @@
 pub mod advance;
 pub mod edges;
 pub mod lanes;
+mod shade;
 pub mod step;
 
 use super::timing::{Dispatch, Profiling, Recorder, RoundCounts, Submission, Timings, now};
@@ -23,6 +24,7 @@ use crate::world::{Reach, World};
 use advance::{Landing, Launch, advance_curved, advance_straight};
 use fearless_simd::Level;
 use rayon::prelude::*;
+use shade::{Batch, Pixel, start};
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use step::{Course, Scalar};
@@ -228,8 +230,12 @@ impl<T: Advance> Shared<'_, T> {
         let mut scratch = Scratch { paths: Vec::with_capacity(BATCH), arrivals: Vec::with_capacity(BATCH), stack: EMPTY_STACK };
         for first in (0..self.width).step_by(columns) {
             let columns = columns.min(self.width - first);
-            let pixels: Vec<(u32, u32)> =
-                (0..rows * columns).map(|i| ((first + i % columns) as u32, first_row + (i / columns) as u32)).collect();
+            let pixels: Vec<Pixel> = (0..rows * columns)
+                .map(|i| {
+                    let (x, y) = ((first + i % columns) as u32, first_row + (i / columns) as u32);
+                    Pixel { x, y, seed: pixel_seed(x, y) }
+                })
+                .collect();
             for sample in self.samples.clone() {
                 self.render_batch(&pixels, sample, &mut scratch, &mut statistics, |i, radiance, aov| {
                     let at = (i / columns) * self.width + first + i % columns;
@@ -247,7 +253,7 @@ impl<T: Advance> Shared<'_, T> {
     /// Renders one sample of each pixel and hands the radiance to `resolve`.
     fn render_batch(
         &self,
-        pixels: &[(u32, u32)],
+        pixels: &[Pixel],
         sample: u32,
         scratch: &mut Scratch,
         statistics: &mut Statistics,
@@ -265,10 +271,7 @@ impl<T: Advance> Shared<'_, T> {
         let stages = self.stages;
         let mut clock = StageClock::new();
         scratch.paths.clear();
-        // A loop, because what iterators are handed is not compiled for the registers at hand.
-        dispatch!(self.level, _simd => for &(x, y) in pixels {
-            scratch.paths.push(start_path(view, x, y, sample));
-        });
+        dispatch!(self.level, simd => start(simd, view, pixels, sample, &mut scratch.paths));
         clock.lap(&stages.generate, None);
         let mut bounce = 0;
         let mut active: Vec<u32> = (0..pixels.len() as u32).collect();
@@ -301,9 +304,10 @@ impl<T: Advance> Shared<'_, T> {
             if self.counting {
                 self.count(bounce, pixels.len(), &scratch.arrivals, work);
             }
-            dispatch!(self.level, _simd => {
-                self.shade_all(pixels, sample, scratch, &mut active, statistics, wants_aovs.then_some(&mut first_aovs))
-            });
+            let Scratch { paths, arrivals, .. } = scratch;
+            let aovs = wants_aovs.then_some(&mut first_aovs);
+            let mut batch = Batch { view, pixels, sample, paths, aovs };
+            dispatch!(self.level, simd => batch.shade(simd, arrivals, &mut active, statistics));
             clock.lap(&stages.shade, Some(bounce));
             bounce += 1;
         }
@@ -323,48 +327,6 @@ impl<T: Advance> Shared<'_, T> {
         let hits = arrivals.iter().flatten().filter(|a| a.status == STATUS_HIT).count() as u64;
         let rays = arrivals.len() as u64;
         lock(self.recorder).count(bounce, &RoundCounts { slots: slots as u64, rays, hits, misses: rays - hits, work });
-    }
-}
-
-impl<T: Advance> Shared<'_, T> {
-    /// Handles the end of every active ray; the paths that go on stay active. Inlined into each instruction set's own copy.
-    #[inline(always)]
-    fn shade_all(
-        &self,
-        pixels: &[(u32, u32)],
-        sample: u32,
-        scratch: &mut Scratch,
-        active: &mut Vec<u32>,
-        statistics: &mut Statistics,
-        mut first_aovs: Option<&mut Vec<Option<Aov>>>,
-    ) {
-        let view = &self.view;
-        let mut kept = 0;
-        for slot in 0..active.len() {
-            let index = active[slot];
-            // Every launched ray lands.
-            let Some(arrival) = &scratch.arrivals[slot] else { continue };
-            let path = &mut scratch.paths[index as usize];
-            let (x, y) = pixels[index as usize];
-            let camera_ray = path.bounce == 0;
-            if arrival.status != STATUS_HIT {
-                statistics.exhausted += u64::from(arrival.status == STATUS_EXHAUSTED);
-                if let (Some(aovs), true) = (&mut first_aovs, camera_ray) {
-                    aovs.push(Some(miss_aov(arrival)));
-                }
-                escape(view, path, arrival);
-                continue;
-            }
-            let surface = surface_at(view, arrival);
-            if let (Some(aovs), true) = (&mut first_aovs, camera_ray) {
-                aovs.push(Some(hit_aov(view, &surface, arrival)));
-            }
-            if shade(view, pixel_seed(x, y), sample, &surface, path, arrival) {
-                active[kept] = index;
-                kept += 1;
-            }
-        }
-        active.truncate(kept);
     }
 }
 
