@@ -33,6 +33,10 @@ use step::{Course, Scalar};
 const BATCH: usize = 1024;
 /// Most rows of a batch, so that its rays stay close together.
 const BATCH_ROWS: usize = 8;
+/// Least pixels of a band, so that lanes are seldom without a ray.
+const BAND: usize = 512;
+/// Bands of each thread, so that none waits long for the last.
+const BANDS_PER_THREAD: usize = 32;
 
 /// Names of the stages whose time is reported.
 struct Stages {
@@ -120,8 +124,10 @@ impl CpuBackend {
         let world = self.world()?;
         let counting = lock(&self.recorder).profiling() == Profiling::Counters;
         let width = self.film.width as usize;
+        let threads = self.pool.current_num_threads();
+        let band_rows = (rows.len() / (BANDS_PER_THREAD * threads)).max(BAND.div_ceil(width));
         // A few rows are shared out among all threads.
-        let band_rows = rows.len().div_ceil(self.pool.current_num_threads()).clamp(1, BATCH_ROWS);
+        let band_rows = band_rows.min(rows.len().div_ceil(threads)).clamp(1, BATCH_ROWS);
         let band = band_rows * width;
         let span = rows.start as usize * width..rows.end as usize * width;
         let shared = Shared {
