@@ -97,8 +97,8 @@ macro_rules! dispatch {
 #[inline(always)]
 pub fn by_lane<L: Lane>(token: L::Token, mut of_lane: impl FnMut(usize) -> L::Real) -> L {
     let mut row = [L::Real::default(); MAX_LANES];
-    for lane in 0..L::LANES {
-        row[lane] = of_lane(lane);
+    for (lane, value) in row[..L::LANES].iter_mut().enumerate() {
+        *value = of_lane(lane);
     }
     L::load(token, &row)
 }

@@ -35,12 +35,12 @@ impl<L: Lane> Vector<L> {
     /// A vector per lane, by its number.
     #[inline(always)]
     pub fn by_lane(token: L::Token, mut of_lane: impl FnMut(usize) -> Vector<L::Real>) -> Self {
-        let mut rows = [[L::Real::default(); MAX_LANES]; 3];
+        let [mut x, mut y, mut z] = [[L::Real::default(); MAX_LANES]; 3];
         for lane in 0..L::LANES {
             let v = of_lane(lane);
-            (rows[0][lane], rows[1][lane], rows[2][lane]) = (v.x, v.y, v.z);
+            (x[lane], y[lane], z[lane]) = (v.x, v.y, v.z);
         }
-        vector(L::load(token, &rows[0]), L::load(token, &rows[1]), L::load(token, &rows[2]))
+        vector(L::load(token, &x), L::load(token, &y), L::load(token, &z))
     }
     /// One row of lanes per component.
     #[inline(always)]
