@@ -27,7 +27,7 @@ use nullray::kernels::camera::film_direction;
 use nullray::kernels::constants::{DIFFUSE_SPREAD, FAR, METHOD_NYSTROM};
 use nullray::kernels::integrator::{Charge, Model, ModelBlock, nystrom_step, rate_at, runge_kutta_step};
 use nullray::kernels::layout::SceneParameters;
-use nullray::kernels::path::Arrival;
+use nullray::kernels::surface::Arrival;
 use nullray::kernels::work::Work;
 use nullray::scene::mesh::Mesh;
 use nullray::scene::{load_scene, parse_scene};

@@ -11,6 +11,7 @@
 #include "sampling.glsl"
 #include "primitive.glsl"
 #include "bvh.glsl"
+#include "surface.glsl"
 #include "path.glsl"
 #include "state.glsl"
 #ifndef FLAT

@@ -9,6 +9,7 @@
 #include "texture.glsl"
 #include "primitive.glsl"
 #include "light.glsl"
+#include "surface.glsl"
 #include "path.glsl"
 #include "state.glsl"
 

@@ -8,6 +8,7 @@
 #include "rng.glsl"
 #include "sampling.glsl"
 #include "camera.glsl"
+#include "surface.glsl"
 #include "path.glsl"
 #include "state.glsl"
 

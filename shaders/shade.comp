@@ -11,6 +11,7 @@
 #include "primitive.glsl"
 #include "light.glsl"
 #include "material.glsl"
+#include "surface.glsl"
 #include "path.glsl"
 #include "state.glsl"
 

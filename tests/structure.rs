@@ -31,7 +31,7 @@ fn functions(text: &str, glsl: bool) -> BTreeSet<String> {
 #[test]
 fn twins_have_the_same_functions() {
     // (stem, functions that one language alone needs)
-    let twins: [(&str, &[&str]); 13] = [
+    let twins: [(&str, &[&str]); 14] = [
         // Loops over lanes are what threads of a group are there.
         ("rng", &["random_pairs"]),
         ("sampling", &[]),
@@ -49,7 +49,8 @@ fn twins_have_the_same_functions() {
         ("light", &["sample_lights"]),
         // The table is computed by the host.
         ("material", &["integrate_ggx_albedo"]),
-        // Accessors of vertices differ; AOVs are stored by state.glsl.
+        ("surface", &[]),
+        // AOVs are stored by state.glsl.
         ("path", &["hit_aov", "miss_aov"]),
         // Shaders get exposure and tone curve as numbers, and pack bytes by a function of their own.
         ("develop", &["gain", "tone_number", "byte"]),

@@ -12,6 +12,7 @@ pub mod path;
 pub mod primitive;
 pub mod rng;
 pub mod sampling;
+pub mod surface;
 pub mod table;
 pub mod texture;
 pub mod triangle;

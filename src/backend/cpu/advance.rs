@@ -8,7 +8,7 @@ use crate::kernels::bvh::{Curve, Hit, TraversalStack, closest_hit, hit_position,
 use crate::kernels::clearance::{grid_curve, occupied_span};
 use crate::kernels::constants::*;
 use crate::kernels::integrator::*;
-use crate::kernels::path::{Arrival, matter_velocity};
+use crate::kernels::surface::{Arrival, matter_velocity};
 use crate::kernels::triangle::dot;
 use crate::simd::{Lane, load3, splat3, store3};
 use crate::spacetime::Class;

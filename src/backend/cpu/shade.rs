@@ -6,6 +6,7 @@ use crate::kernels::layout::Aov;
 use crate::kernels::material::is_delta;
 use crate::kernels::path::*;
 use crate::kernels::rng::random_pairs;
+use crate::kernels::surface::{Arrival, surface_at};
 use crate::kernels::view::SceneView;
 use crate::simd::{Vector, store};
 use fearless_simd::{Simd, f32x16};
