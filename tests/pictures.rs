@@ -335,6 +335,7 @@ fn registers_draw_the_directions_of_single_lanes() {
             assert!(lost < registers * 16 / 2, "{lost} lost");
         }
     }
+    std::fs::remove_dir_all(&folder).unwrap();
 }
 
 /// The shadow's angular radius at three distances, from the share of captured pixels along the middle row.
