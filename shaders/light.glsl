@@ -95,11 +95,11 @@ float light_pdf(Light light, vec3 position, vec3 direction) {
         vec3 to_center = light.position - position;
         vec3 offset = to_center - direction * dot(to_center, direction);
         bool inside = cap == 2.0;
-        bool towards = dot(to_center, direction) > 0.0 && dot(offset, offset) <= light.size * light.size;
+        bool towards = dot(to_center, direction) > 0.0 && dot(offset, offset) < light.size * light.size;
         return inside || towards ? 1.0 / (TAU * cap) : 0.0;
     }
     vec3 found = intersect_quad(position, direction, light.position, light.edge_u, light.edge_v, FAR);
-    if (found.x <= 0.0 || (light.kind == LIGHT_TRIANGLE && found.y + found.z > 1.0)) {
+    if (found.x <= 0.0 || (light.kind == LIGHT_TRIANGLE && found.y + found.z >= 1.0)) {
         return 0.0;
     }
     vec3 normal = normalize(cross(light.edge_u, light.edge_v));

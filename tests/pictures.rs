@@ -18,6 +18,7 @@ use nullray::kernels::rng::{pixel_seed, random_pair};
 use nullray::kernels::sampling::spherical_direction;
 use nullray::kernels::surface::black_body;
 use nullray::kernels::triangle::intersect_triangle;
+use nullray::kernels::view::SceneView;
 use nullray::simd::{Vector, by_lane, vector};
 use nullray::spacetime::thermal;
 use nullray::world::World;
@@ -283,56 +284,60 @@ fn encounter(kind: u32, smooth: bool, k: u32) -> Scattering<f32> {
     Scattering { position, outward, shading, wo: unit(6), bsdf }
 }
 
+/// Directions and weights of sixteen encounters from number `first` on, drawn in registers and one by one.
+fn draw_both(view: &SceneView, kind: u32, smooth: bool, first: u32) -> Vec<[[glam::Vec3; 2]; 2]> {
+    let rows: Vec<Scattering<f32>> = (0..16).map(|lane| encounter(kind, smooth, first + lane)).collect();
+    let pair = |pair: u32, lane: usize| random_pair(77, pair, first + lane as u32);
+    let (wi, weight) = nullray::dispatch!(fearless_simd::Level::new(), simd => {
+        type Register<S> = fearless_simd::f32x16<S>;
+        let scattering: Scattering<Register<_>> = Scattering::by_lane(simd, |lane| &rows[lane]);
+        let lanes = |k: u32| [by_lane(simd, |lane| pair(k, lane).x), by_lane(simd, |lane| pair(k, lane).y)];
+        let random = BouncePairs { strategy: lanes(0), direction: lanes(1), lobe: lanes(2) };
+        let draw = draw_direction(simd, view, &scattering, &random);
+        (draw.wi.rows(), draw.weight.rows())
+    });
+    let of_lane = |lane: usize| {
+        let at = |rows: &[[f32; 16]; 3]| glam::vec3(rows[0][lane], rows[1][lane], rows[2][lane]);
+        let random = BouncePairs { strategy: pair(0, lane).into(), direction: pair(1, lane).into(), lobe: pair(2, lane).into() };
+        let single = draw_direction((), view, &rows[lane], &random);
+        [[at(&wi), at(&weight)], [single.wi.into(), single.weight.into()]]
+    };
+    (0..16).map(of_lane).collect()
+}
+
 /// Directions drawn in registers are those drawn one by one, at surfaces of every kind and with lights of every kind, few or many.
 #[test]
 fn registers_draw_the_directions_of_single_lanes() {
-    let lamp = "[[material]]\nname = \"lamp\"\nkind = \"emissive\"\nemission = [5, 4, 3]\n";
-    let folder = std::env::temp_dir().join(format!("nullray-sky-{}", std::process::id()));
+    let folder = std::env::temp_dir().join(format!("nullray-lights-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
-    let sky = folder.join("sky.exr");
+    let (sky, mesh) = (folder.join("sky.exr"), folder.join("lamp.obj"));
     image::Rgb32FImage::from_fn(16, 8, |x, y| image::Rgb([0.2 + (x % 3) as f32, 0.3, if y == 2 { 8.0 } else { 0.4 }])).save(&sky).unwrap();
-    let few = "[[sphere]]\ncenter = [0, 3, 0]\nradius = 0.7\nmaterial = \"lamp\"\n\
-               [[quad]]\ncorner = [-3, 4, 0]\nu = [1, 0, 0.3]\nv = [0, 0.4, 1]\nmaterial = \"lamp\"\n";
+    std::fs::write(&mesh, "v 2 3 -1\nv 3 3 1\nv 2 4 1\nf 1 2 3\n").unwrap();
+    let lamp = "[[material]]\nname = \"lamp\"\nkind = \"emissive\"\nemission = [5, 4, 3]\n";
+    let few = format!(
+        "[environment]\nkind = \"image\"\nfile = {sky:?}\n[[sphere]]\ncenter = [0, 3, 0]\nradius = 0.7\nmaterial = \"lamp\"\n\
+         [[quad]]\ncorner = [-3, 4, 0]\nu = [1, 0, 0.3]\nv = [0, 0.4, 1]\nmaterial = \"lamp\"\n\
+         [[mesh]]\nfile = {mesh:?}\nmaterial = \"lamp\"\n"
+    );
     let many = (0..20).fold(String::new(), |s, i| {
         s + &format!("[[box]]\nmin = [{}, 3, -1]\nmax = [{}, 3.5, 1]\nmaterial = \"lamp\"\n", i - 10, f64::from(i) - 9.5)
     });
-    let environment = format!("[environment]\nkind = \"image\"\nfile = {sky:?}\n");
-    for (name, text) in [("no", String::new()), ("few", environment + few), ("many", many)] {
+    let kinds = [(MATERIAL_DIFFUSE, false), (MATERIAL_METALLIC, false), (MATERIAL_DIELECTRIC, false), (MATERIAL_DIELECTRIC, true)];
+    for (lights, text) in [(0, String::new()), (4, few), (120, many)] {
         let world = world(&format!("{lamp}{text}"));
         let view = world.view();
-        println!("{name} lights: {}", view.lights.len());
-        for (kind, smooth) in
-            [(MATERIAL_DIFFUSE, false), (MATERIAL_METALLIC, false), (MATERIAL_DIELECTRIC, false), (MATERIAL_DIELECTRIC, true)]
-        {
-            let (mut lost, mut different) = (0, 0);
-            let registers = 1000;
-            for first in (0..registers * 16).step_by(16) {
-                let rows: Vec<Scattering<f32>> = (0..16).map(|lane| encounter(kind, smooth, first + lane)).collect();
-                let pair = |pair: u32, lane: usize| random_pair(77, pair, first + lane as u32);
-                let (wi, weight) = nullray::dispatch!(fearless_simd::Level::new(), simd => {
-                    type Register<S> = fearless_simd::f32x16<S>;
-                    let scattering: Scattering<Register<_>> = Scattering::by_lane(simd, |lane| &rows[lane]);
-                    let lanes = |k: u32| [by_lane(simd, |lane| pair(k, lane).x), by_lane(simd, |lane| pair(k, lane).y)];
-                    let random = BouncePairs { strategy: lanes(0), direction: lanes(1), lobe: lanes(2) };
-                    let draw = draw_direction(simd, &view, &scattering, &random);
-                    (draw.wi.rows(), draw.weight.rows())
-                });
-                for lane in 0..16 {
-                    let random =
-                        BouncePairs { strategy: pair(0, lane).into(), direction: pair(1, lane).into(), lobe: pair(2, lane).into() };
-                    let single = draw_direction((), &view, &rows[lane], &random);
-                    let at = |rows: &[[f32; 16]; 3]| glam::vec3(rows[0][lane], rows[1][lane], rows[2][lane]);
-                    let expected = glam::Vec3::from(single.weight);
-                    let close = (at(&wi) - glam::Vec3::from(single.wi)).length() < 1e-3
-                        && (at(&weight) - expected).length() <= 2e-3 * (1e-2 + expected.length());
-                    different += u32::from(!close);
-                    lost += u32::from(expected == glam::Vec3::ZERO);
-                }
-            }
-            println!("  kind {kind}, smooth {smooth}: {different} of {} differ, {lost} lost", registers * 16);
+        assert_eq!(view.lights.len(), lights);
+        for (kind, smooth) in kinds {
+            let draws: Vec<_> = (0..16_000).step_by(16).flat_map(|first| draw_both(&view, kind, smooth, first)).collect();
+            let close = |[[wi, weight], [single_wi, single_weight]]: &[[glam::Vec3; 2]; 2]| {
+                (wi - single_wi).length() < 1e-3 && (weight - single_weight).length() <= 2e-3 * (1e-2 + single_weight.length())
+            };
+            let different = draws.iter().filter(|draw| !close(draw)).count();
+            let lost = draws.iter().filter(|draw| draw[1][1] == glam::Vec3::ZERO).count();
+            println!("{lights} lights, kind {kind}, smooth {smooth}: {different} of {} differ, {lost} lost", draws.len());
             // A light's edge, or the critical angle, within rounding.
-            assert!(different * 200 < registers * 16, "{name} lights, kind {kind}, smooth {smooth}: {different} differ");
-            assert!(lost < registers * 16 / 2, "{lost} lost");
+            assert!(different * 2000 < draws.len(), "{lights} lights, kind {kind}, smooth {smooth}: {different} differ");
+            assert!(lost * 2 < draws.len(), "{lost} lost");
         }
     }
     std::fs::remove_dir_all(&folder).unwrap();

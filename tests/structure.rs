@@ -32,7 +32,7 @@ fn functions(text: &str, glsl: bool) -> BTreeSet<String> {
 fn twins_have_the_same_functions() {
     // (stem, functions that one language alone needs)
     let twins: [(&str, &[&str]); 14] = [
-        // Loops over lanes are what threads of a group are there.
+        // A pair per lane.
         ("rng", &["random_pairs"]),
         ("sampling", &[]),
         ("camera", &[]),
@@ -46,6 +46,7 @@ fn twins_have_the_same_functions() {
         ("clearance", &["grid_length"]),
         // These are constructors in GLSL.
         ("integrator", &["to_vec3", "from_vec3"]),
+        // Lanes choose different lights.
         ("light", &["sample_lights"]),
         // The table is computed by the host.
         ("material", &["integrate_ggx_albedo"]),

@@ -93,7 +93,8 @@ pub fn light_pdf<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, light: 
     L::select(met, found.x * found.x / area.max(c(1e-20)), zero)
 }
 
-/// A direction towards the light that `choice`, uniform in [0, 1), chooses.
+/// A direction towards the light that `choice`, uniform in [0, 1), chooses, by `u` uniform in the unit square; only in the lanes that are
+/// `wanted`, what the others get means nothing. Shaders choose a light first and call `sample_light`.
 #[inline(always)]
 pub fn sample_lights<L: Lane<Real = f32>>(
     token: L::Token,
@@ -127,7 +128,7 @@ pub fn sample_lights<L: Lane<Real = f32>>(
     direction
 }
 
-/// Density (1/sr) with which light sampling draws `direction` when it has chosen a light by `choice`.
+/// Density (1/sr) with which light sampling draws `direction` when it has chosen a light by `choice`; shaders hand on the light instead.
 ///
 /// With few lights this is the density over all of them, so that none is left to the surface's lobes alone; with many it
 /// is that of the chosen one, which is as unbiased and costs the same however many there are.

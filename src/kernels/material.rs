@@ -196,15 +196,15 @@ pub fn sample_bsdf<L: Lane<Real = f32>>(token: L::Token, bsdf: &Bsdf<L>, wo: Vec
     let m = if delta { up } else { sample_visible_normal(token, wo, bsdf.alpha, u) };
     let cos_o = wo.dot(m);
     let mut wi = m * (cos_o + cos_o) - wo;
-    let mut drawn = L::both(zero.lt(wo.z), zero.lt(wi.z));
+    // Positive on the side where the direction must be.
+    let mut height = wi.z;
     let mut tint = Vector::uniform(one);
     if metallic {
         tint = fresnel_schlick(token, bsdf.color, cos_o).scale(energy_compensation(token, bsdf));
     } else {
         let reflects = lobe.lt(fresnel_dielectric(token, cos_o, bsdf.eta));
         let refracted = refract_at(token, wo, m, bsdf.eta);
-        let height = L::select(reflects, wi.z, -refracted.z);
-        drawn = L::both(zero.lt(wo.z), zero.lt(height));
+        height = L::select(reflects, wi.z, -refracted.z);
         wi = Vector::select(reflects, wi, refracted);
         // Radiance is compressed by the square of the relative index.
         tint = Vector::select(reflects, tint, bsdf.color * (one / (bsdf.eta * bsdf.eta)));
@@ -213,6 +213,7 @@ pub fn sample_bsdf<L: Lane<Real = f32>>(token: L::Token, bsdf: &Bsdf<L>, wo: Vec
         let lambda_o = ggx_lambda(token, wo, bsdf.alpha);
         tint = tint * ((one + lambda_o) / (one + lambda_o + ggx_lambda(token, wi, bsdf.alpha)));
     }
+    let drawn = L::both(zero.lt(wo.z), zero.lt(height));
     BsdfSample { wi: Vector::select(drawn, wi, up), weight: Vector::select(drawn, tint, Vector::uniform(zero)) }
 }
 

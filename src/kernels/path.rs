@@ -141,7 +141,7 @@ pub fn start_path<L: Lane<Real = f32>>(
     let half = L::splat(token, 0.5);
     let offset = sample_filter(token, scene.filter_kind, pairs(0));
     let film = [L::load(token, &corner[0]) + half + offset[0], L::load(token, &corner[1]) + half + offset[1]];
-    let lens = if scene.aperture_radius > 0.0 { pairs(1) } else { [half; 2] };
+    let lens = if scene.aperture_radius > 0.0 { pairs(1) } else { [L::splat(token, 0.0); 2] };
     let (origin, direction, frequency_ratio) = camera_ray(token, scene, film, lens);
     let (origin, direction, frequency_ratio) = (origin.rows(), direction.rows(), store(frequency_ratio));
     for lane in 0..L::LANES {
