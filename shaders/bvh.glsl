@@ -6,7 +6,7 @@ struct Curve {
     vec3 c2;
     vec3 c3;
     uint chords;
-    float inflation;
+    float tolerance;
 };
 
 struct Hit {
@@ -44,9 +44,13 @@ Curve cut_span(Curve curve, float from, float to, float tolerance) {
     // The sagitta of a chord is an eighth of the largest second derivative.
     float sagitta = sqrt(max(dot(c2, c2), dot(c2_end, c2_end))) * 0.25;
     float chords = clamp(ceil(sqrt(sagitta / tolerance)), 1.0, float(MAX_CHORDS));
-    vec3 near = c2 + c3, far = c2 + c3 * 2.0;
-    float deviation = 0.25 * sqrt(max(dot(near, near), dot(far, far)));
-    return Curve(curve_point(curve, from), c1, c2, c3, uint(chords), deviation + tolerance);
+    return Curve(curve_point(curve, from), c1, c2, c3, uint(chords), tolerance);
+}
+
+void deviation(Curve curve, out vec3 down, out vec3 up) {
+    vec3 first = curve.c2 + curve.c3, last = curve.c2 + curve.c3 * 2.0;
+    down = max(max(first, last), 0.0) * 0.25 + curve.tolerance;
+    up = max(-min(first, last), 0.0) * 0.25 + curve.tolerance;
 }
 
 vec3 whole_chord(Curve curve) {
@@ -120,9 +124,10 @@ void closest_hit(Curve curve, uint side, inout Hit hit) {
     bvec3 forward = greaterThanEqual(chord, vec3(0.0));
     vec3 size = max(abs(chord), vec3(MIN_DIRECTION));
     vec3 inverse_chord = 1.0 / mix(-size, size, forward);
-    vec3 outward = mix(vec3(-curve.inflation), vec3(curve.inflation), forward);
-    vec3 near_origin = curve.start + outward;
-    vec3 far_origin = curve.start - outward;
+    vec3 down, up;
+    deviation(curve, down, up);
+    vec3 near_origin = curve.start + mix(-down, up, forward);
+    vec3 far_origin = curve.start + mix(up, -down, forward);
     uvec3 near_plane = uvec3(0, 2, 4) + mix(uvec3(1), uvec3(0), forward);
 
     uint top = 0;

@@ -8,7 +8,7 @@ use nullray::backend::cpu::CpuBackend;
 use nullray::backend::{Backend, Precision};
 use nullray::film::compare::{Thresholds, compare};
 use nullray::film::{Film, luminance};
-use nullray::kernels::bvh::{EMPTY_STACK, Hit, closest_hit, hit_position, slabs, straight};
+use nullray::kernels::bvh::{EMPTY_STACK, Hit, closest_hit, curve_point, deviation, hermite, hit_position, slabs, straight, whole_chord};
 use nullray::kernels::camera::sample_filter;
 use nullray::kernels::clearance::clearance_at;
 use nullray::kernels::constants::*;
@@ -746,6 +746,38 @@ fn bvh_equals_brute_force() {
         assert!(same, "ray {k}: {} against {best}", hit.t);
     }
     assert!(hits > 1500, "{hits}");
+}
+
+/// What curves stray from their chords is what the boxes are extended by, to each side of each axis, and not much less.
+#[test]
+fn curves_stay_near_their_chords() {
+    let mut largest = 0.0f32;
+    for k in 0..2000u32 {
+        let vector = |i: u32| {
+            let (a, b) = (random_pair(7, 2 * i, k), random_pair(7, 2 * i + 1, k));
+            [a.x - 0.5, a.y - 0.5, b.x - 0.5]
+        };
+        let curve = hermite((), vector(0), vector(1), vector(2), vector(3));
+        let (down, up) = deviation((), &curve);
+        let chord = whole_chord(&curve);
+        let (mut least, mut most) = ([0.0f32; 3], [0.0f32; 3]);
+        for i in 0..=256 {
+            let s = i as f32 / 256.0;
+            let point = curve_point(&curve, s);
+            for axis in 0..3 {
+                let apart = point[axis] - (curve.start[axis] + chord[axis] * s);
+                least[axis] = least[axis].min(apart);
+                most[axis] = most[axis].max(apart);
+            }
+        }
+        for axis in 0..3 {
+            for (reached, bound) in [(-least[axis], down[axis]), (most[axis], up[axis])] {
+                assert!(reached <= bound + 1e-6, "curve {k}, axis {axis}: {reached} from the chord, at most {bound} was expected");
+                largest = largest.max(reached / bound.max(1e-3));
+            }
+        }
+    }
+    assert!(largest > 0.95, "the bound is never nearly reached: {largest}");
 }
 
 /// A random point of a box that holds most of the benchmark scene, or of one five times as large, in turns.

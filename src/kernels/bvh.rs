@@ -1,9 +1,9 @@
 //! Closest hit of a straight or curved segment with the scene.
 //!
 //! A curved segment is a cubic x(s) = start + c1 s + c2 s^2 + c3 s^3, s in [0, 1] (the dense output of one integration step). It is
-//! traversed once, as its chord with all boxes inflated by the largest distance between curve and chord at equal s; so
-//! if the curve is inside a box at s, the chord is inside the inflated box at the same s. At a leaf the curve is cut into `chords`
-//! pieces and only those that overlap the box in s are tested.
+//! traversed once, as its chord with all boxes extended by how far the curve strays from the chord at equal s, along each axis and to
+//! each side by itself: a curve that bends down needs boxes to reach up. So if the curve is inside a box at s, the chord is inside the
+//! extended box at the same s. At a leaf the curve is cut into `chords` pieces and only those that overlap the box in s are tested.
 
 use super::constants::*;
 use super::integrator::along;
@@ -29,8 +29,8 @@ pub struct Curve<L> {
     pub c3: [L; 3],
     /// Pieces the curve is cut into, a whole number.
     pub chords: L,
-    /// Largest distance between curve and chord at equal s, plus the chord tolerance.
-    pub inflation: L,
+    /// Largest distance between the curve and those pieces' chords at equal s.
+    pub tolerance: L,
 }
 
 /// The closest meeting point so far.
@@ -57,7 +57,7 @@ impl Hit {
 /// The straight ray origin + s direction.
 #[inline(always)]
 pub fn straight(origin: Vec3, direction: Vec3) -> Curve<f32> {
-    Curve { start: origin.into(), c1: direction.into(), c2: [0.0; 3], c3: [0.0; 3], chords: 1.0, inflation: 0.0 }
+    Curve { start: origin.into(), c1: direction.into(), c2: [0.0; 3], c3: [0.0; 3], chords: 1.0, tolerance: 0.0 }
 }
 
 /// The cubic with end points `start` and `end` and end tangents `tangent0` and `tangent1` (derivatives by s), not cut yet.
@@ -65,7 +65,7 @@ pub fn straight(origin: Vec3, direction: Vec3) -> Curve<f32> {
 pub fn hermite<L: Lane>(token: L::Token, start: [L; 3], end: [L; 3], tangent0: [L; 3], tangent1: [L; 3]) -> Curve<L> {
     let (two, three) = (L::constant(token, 2.0), L::constant(token, 3.0));
     let mut curve =
-        Curve { start, c1: tangent0, c2: start, c3: start, chords: L::constant(token, 1.0), inflation: L::constant(token, 0.0) };
+        Curve { start, c1: tangent0, c2: start, c3: start, chords: L::constant(token, 1.0), tolerance: L::constant(token, 0.0) };
     for i in 0..3 {
         let chord = end[i] - start[i];
         curve.c2[i] = chord * three - tangent0[i] * two - tangent1[i];
@@ -98,8 +98,7 @@ pub fn whole_chord<L: Lane>(curve: &Curve<L>) -> [L; 3] {
 /// The part of the curve from `from` to `to`, cut so that no chord strays from it by more than `tolerance`.
 #[inline(always)]
 pub fn cut_span<L: Lane>(token: L::Token, curve: &Curve<L>, from: L, to: L, tolerance: L) -> Curve<L> {
-    let (one, two, three) = (L::constant(token, 1.0), L::constant(token, 2.0), L::constant(token, 3.0));
-    let quarter = L::constant(token, 0.25);
+    let (one, three) = (L::constant(token, 1.0), L::constant(token, 3.0));
     let w = to - from;
     let (mut c1, mut c2, mut c3) = (curve_tangent(token, curve, from), along(curve.c2, curve.c3, from * three), curve.c3);
     for i in 0..3 {
@@ -107,13 +106,12 @@ pub fn cut_span<L: Lane>(token: L::Token, curve: &Curve<L>, from: L, to: L, tole
         c2[i] = c2[i] * (w * w);
         c3[i] = c3[i] * (w * w * w);
     }
-    let (c2_end, near, far) = (along(c2, c3, three), along(c2, c3, one), along(c2, c3, two));
+    let c2_end = along(c2, c3, three);
     // The sagitta of a chord is an eighth of the largest second derivative.
-    let sagitta = dot(c2, c2).max(dot(c2_end, c2_end)).sqrt() * quarter;
+    let sagitta = dot(c2, c2).max(dot(c2_end, c2_end)).sqrt() * L::constant(token, 0.25);
     let chords = -(-(sagitta / tolerance).sqrt()).floor();
     let chords = chords.max(one).min(L::constant(token, f64::from(MAX_CHORDS)));
-    let deviation = dot(near, near).max(dot(far, far)).sqrt() * quarter;
-    Curve { start: curve_point(curve, from), c1, c2, c3, chords, inflation: deviation + tolerance }
+    Curve { start: curve_point(curve, from), c1, c2, c3, chords, tolerance }
 }
 
 /// Point where the chords of the curve were hit at parameter `t`.
@@ -129,7 +127,21 @@ pub fn hit_position(curve: &Curve<f32>, t: f32) -> Vec3 {
     from + (to - from) * (t * count - j)
 }
 
-/// A chord prepared for slab tests against inflated boxes, one or one per lane.
+/// How far the curve strays from its chord at equal s, down and up along each axis. The difference is -s (1 - s) (c2 + c3 (1 + s)).
+#[inline(always)]
+pub fn deviation<L: Lane>(token: L::Token, curve: &Curve<L>) -> ([L; 3], [L; 3]) {
+    let (zero, two, quarter) = (L::constant(token, 0.0), L::constant(token, 2.0), L::constant(token, 0.25));
+    let (mut down, mut up) = (curve.c2, curve.c2);
+    for i in 0..3 {
+        let first = curve.c2[i] + curve.c3[i];
+        let last = curve.c3[i].mul_add(two, curve.c2[i]);
+        down[i] = first.max(last).max(zero).mul_add(quarter, curve.tolerance);
+        up[i] = (-first.min(last)).max(zero).mul_add(quarter, curve.tolerance);
+    }
+    (down, up)
+}
+
+/// A chord prepared for slab tests against boxes that are extended by how far the curve strays, one or one per lane.
 ///
 /// A plane is met at plane * inverse + offset: one operation where (plane - origin) * inverse takes two. The offsets are widened by
 /// their rounding error, so that no box is lost.
@@ -149,15 +161,16 @@ pub fn slabs<L: Lane>(token: L::Token, curve: &Curve<L>) -> Slabs<L> {
     let chord = whole_chord(curve);
     let smallest = L::constant(token, f64::from(MIN_DIRECTION));
     let rounding = L::constant(token, f64::from(4.0 * f32::EPSILON));
+    let (down, up) = deviation(token, curve);
     let mut slabs = Slabs { inverse: chord, near: chord, far: chord };
     for (i, c) in chord.into_iter().enumerate() {
         let size = L::constant(token, 1.0) / c.max(-c).max(smallest);
-        let origin = curve.start[i];
-        slabs.inverse[i] = L::select(c.lt(L::constant(token, 0.0)), -size, size);
+        let (origin, backward) = (curve.start[i], c.lt(L::constant(token, 0.0)));
+        slabs.inverse[i] = L::select(backward, -size, size);
         let middle = -(origin * slabs.inverse[i]);
-        let slack = (origin.max(-origin) + curve.inflation).mul_add(rounding, curve.inflation) * size;
-        slabs.near[i] = middle - slack;
-        slabs.far[i] = middle + slack;
+        let slack = (origin.max(-origin) + (down[i] + up[i])) * rounding;
+        slabs.near[i] = middle - (L::select(backward, down[i], up[i]) + slack) * size;
+        slabs.far[i] = middle + (L::select(backward, up[i], down[i]) + slack) * size;
     }
     slabs
 }
@@ -186,7 +199,7 @@ pub fn meets_root<L: Lane>(token: L::Token, view: &SceneView, slabs: &Slabs<L>) 
 /// Rounding must not lose a box that is grazed.
 const BOX_SLACK: f64 = 1.0 + 4.0 * f32::EPSILON as f64;
 
-/// Parameters at which the inflated boxes of a node's children are entered (left), and the mask of those met before `t_max`.
+/// Parameters at which the extended boxes of a node's children are entered (left), and the mask of those met before `t_max`.
 #[inline(always)]
 fn intersect_node<S: Simd>(simd: S, node: &BvhNode, ray: &SlabRay<S>, t_max: f32) -> ([f32; 8], [f32; 8], u32) {
     let mut near = <f32x8<S> as Lane>::splat(simd, 0.0);

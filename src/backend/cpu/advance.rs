@@ -510,7 +510,7 @@ impl<T: Scalar> Waiting<T> {
         }
         let way = (entry * L::constant(simd, 1.0 + T::REGION_MARGIN)).max(zero);
         let across = [d[0] * way, d[1] * way, d[2] * way];
-        let curve = Curve { start: x, c1: across, c2: [zero; 3], c3: [zero; 3], chords: L::constant(simd, 1.0), inflation: zero };
+        let curve = Curve { start: x, c1: across, c2: [zero; 3], c3: [zero; 3], chords: L::constant(simd, 1.0), tolerance: zero };
         let (from, to, end_room) = occupied_span(simd, &course.view, &grid_curve(simd, &course.view, &curve), zero, entering);
         L::select(zero.lt(entry), end_room, zero).store(&mut lanes.room);
         let occupied = L::bits(from.lt(to)) & entering;

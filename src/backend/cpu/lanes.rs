@@ -102,7 +102,7 @@ pub struct Pieces<T> {
     c2: [Row<T>; 3],
     c3: [Row<T>; 3],
     chords: Row<T>,
-    inflation: Row<T>,
+    tolerance: Row<T>,
     inverse: [Row<T>; 3],
     near: [Row<T>; 3],
     far: [Row<T>; 3],
@@ -127,7 +127,7 @@ impl<T: Scalar> Pieces<T> {
             }
         }
         curve.chords.store(&mut self.chords);
-        curve.inflation.store(&mut self.inflation);
+        curve.tolerance.store(&mut self.tolerance);
     }
 
     /// The piece of lane `i`.
@@ -136,8 +136,8 @@ impl<T: Scalar> Pieces<T> {
         let at = |rows: &[Row<T>; 3]| [rows[0][i].to_f32(), rows[1][i].to_f32(), rows[2][i].to_f32()];
         let (start, c1, c2, c3) = (at(&self.start), at(&self.c1), at(&self.c2), at(&self.c3));
         let (inverse, near, far) = (at(&self.inverse), at(&self.near), at(&self.far));
-        let (chords, inflation) = (self.chords[i].to_f32(), self.inflation[i].to_f32());
-        (Curve { start, c1, c2, c3, chords, inflation }, Slabs { inverse, near, far })
+        let (chords, tolerance) = (self.chords[i].to_f32(), self.tolerance[i].to_f32());
+        (Curve { start, c1, c2, c3, chords, tolerance }, Slabs { inverse, near, far })
     }
 }
 
