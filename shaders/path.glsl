@@ -166,16 +166,23 @@ Draw draw_direction(Scattering at, uint seed, uint first, uint sample_index, flo
         bsdf.albedo = ggx_albedo(wo.z, sqrt(bsdf.alpha));
     }
 
-    vec2 direction = random_pair(seed, first + 1, sample_index);
-    BsdfSample drawn = sample_bsdf(bsdf, wo, direction, lobe);
+    // One pair says whether to aim at a light, at which of a few, and the direction: so the directions of each kind are as evenly spread
+    // as the pairs are.
+    float share = SCENE.light_count == 0 || is_delta(bsdf) ? 0.0 : light_share(bsdf, SCENE.light_share);
+    vec2 u = random_pair(seed, first, sample_index);
+    bool aimed = u.x < share;
+    u.x = aimed ? u.x / share : (u.x - share) / (1.0 - share);
+    BsdfSample drawn = sample_bsdf(bsdf, wo, u, lobe);
     vec3 wi = world_from_frame(normal, drawn.wi);
     vec3 weight = drawn.weight;
-    float share = SCENE.light_count == 0 || is_delta(bsdf) ? 0.0 : light_share(bsdf, SCENE.light_share);
     if (share > 0.0) {
-        vec2 strategy = random_pair(seed, first, sample_index);
-        uint chosen = choose_light(strategy.y);
-        if (strategy.x < share) {
-            wi = sample_light(light_at(chosen), at.position, direction);
+        bool many = SCENE.light_count > MAX_SUMMED_LIGHTS;
+        uint chosen = choose_light(many ? random_pair(seed, first + 2, sample_index).x : u.x);
+        if (aimed) {
+            Light light = light_at(chosen);
+            float before = many || chosen == 0 ? 0.0 : light_at(chosen - 1).cumulative;
+            u.x = many ? u.x : (u.x - before) / (light.cumulative - before);
+            wi = sample_light(light, at.position, u);
         }
         float pdf;
         vec3 value = evaluate_bsdf(bsdf, wo, frame_from_world(normal, wi), pdf);

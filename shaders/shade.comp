@@ -41,7 +41,7 @@ void main() {
         uint first = CAMERA_PAIRS + path.bounce * BOUNCE_PAIRS;
         vec2 lobe = vec2(0.0);
         if (path.bounce + 1 >= ROULETTE_BOUNCE || at.scattering.bsdf.kind == MATERIAL_DIELECTRIC) {
-            lobe = random_pair(seed, first + 2, pixel.z);
+            lobe = random_pair(seed, first + 1, pixel.z);
         }
         Draw draw = draw_direction(at.scattering, seed, first, pixel.z, lobe.x);
         goes_on = leave_surface(path, at, draw, lobe.y);

@@ -292,13 +292,13 @@ fn draw_both(view: &SceneView, kind: u32, smooth: bool, first: u32) -> Vec<[[gla
         type Register<S> = fearless_simd::f32x16<S>;
         let scattering: Scattering<Register<_>> = Scattering::by_lane(simd, |lane| &rows[lane]);
         let lanes = |k: u32| [by_lane(simd, |lane| pair(k, lane).x), by_lane(simd, |lane| pair(k, lane).y)];
-        let random = BouncePairs { strategy: lanes(0), direction: lanes(1), lobe: lanes(2) };
+        let random = BouncePairs { direction: lanes(0), lobe: lanes(1), choice: lanes(2)[0] };
         let draw = draw_direction(simd, view, &scattering, &random);
         (draw.wi.rows(), draw.weight.rows())
     });
     let of_lane = |lane: usize| {
         let at = |rows: &[[f32; 16]; 3]| glam::vec3(rows[0][lane], rows[1][lane], rows[2][lane]);
-        let random = BouncePairs { strategy: pair(0, lane).into(), direction: pair(1, lane).into(), lobe: pair(2, lane).into() };
+        let random = BouncePairs { direction: pair(0, lane).into(), lobe: pair(1, lane).into(), choice: pair(2, lane).x };
         let single = draw_direction((), view, &rows[lane], &random);
         [[at(&wi), at(&weight)], [single.wi.into(), single.weight.into()]]
     };

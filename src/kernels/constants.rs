@@ -114,7 +114,7 @@ constants! {
 
         /// Random pairs drawn for a camera ray: film, lens.
         CAMERA_PAIRS = 2;
-        /// Random pairs drawn at a bounce: strategy, direction, roulette and lobe.
+        /// Random pairs drawn at a bounce: direction, lobe and roulette, choice among many lights.
         BOUNCE_PAIRS = 3;
         /// First bounce at which Russian roulette may end a path.
         ROULETTE_BOUNCE = 5;
@@ -227,7 +227,7 @@ constants! {
         RKN_F2 = 250.0 / 567.0 - 275.0 / 189.0;
         RKN_F3 = 5.0 / 54.0 + 1.0 / 3.0;
         /// Safety factor and limits of the step control.
-        STEP_SAFETY = 0.9;
+        STEP_SAFETY = 0.85;
         STEP_SHRINK = 0.2;
         STEP_GROW = 3.0;
         /// Share of the tolerance below which an error says no more than that it is small.

@@ -93,8 +93,9 @@ pub fn light_pdf<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, light: 
     L::select(met, found.x * found.x / area.max(c(1e-20)), zero)
 }
 
-/// A direction towards the light that `choice`, uniform in [0, 1), chooses, by `u` uniform in the unit square; only in the lanes that are
-/// `wanted`, what the others get means nothing. Shaders choose a light first and call `sample_light`.
+/// A direction towards a light, by `u` uniform in the unit square; only in the lanes that are `wanted`, what the others get means nothing.
+/// One of many is chosen by `choice`, uniform in [0, 1), one of a few by a share of `u`. Shaders choose a light first and call
+/// `sample_light`.
 #[inline(always)]
 pub fn sample_lights<L: Lane<Real = f32>>(
     token: L::Token,
@@ -116,14 +117,16 @@ pub fn sample_lights<L: Lane<Real = f32>>(
             sample_light((), view, light, vector(x[i], y[i], z[i]), [u[i], v[i]])
         });
     }
-    let (mut direction, mut todo) = (position, L::bits(wanted));
+    let (mut direction, mut todo, mut before) = (position, L::bits(wanted), 0.0);
     for i in 0..count {
         let light = view.light(i);
-        let below = L::bits(choice.lt(L::splat(token, light.cumulative)));
+        let below = L::bits(u[0].lt(L::splat(token, light.cumulative)));
         if todo & below != 0 {
-            direction = Vector::select(L::mask(token, todo & below), sample_light(token, view, light, position, u), direction);
+            let share = (u[0] - L::splat(token, before)) * L::splat(token, 1.0 / (light.cumulative - before));
+            direction = Vector::select(L::mask(token, todo & below), sample_light(token, view, light, position, [share, u[1]]), direction);
         }
         todo &= !below;
+        before = light.cumulative;
     }
     direction
 }

@@ -104,12 +104,13 @@ impl<L: Lane<Real = f32>> Scattering<L> {
 /// Random numbers of a bounce.
 #[derive(Clone, Copy, Debug)]
 pub struct BouncePairs<L> {
-    /// Whether to aim at a light, and at which.
-    pub strategy: [L; 2],
-    /// The direction.
+    /// Whether to aim at a light, at which of a few, and the direction: shares of one pair, so that the directions of each kind are as
+    /// evenly spread as the pairs are.
     pub direction: [L; 2],
     /// Reflection or transmission, and the path's survival.
     pub lobe: [L; 2],
+    /// Which of many lights, see `MAX_SUMMED_LIGHTS`.
+    pub choice: L,
 }
 
 /// A direction drawn, or one per lane.
@@ -296,16 +297,18 @@ pub fn draw_direction<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, at
         bsdf.albedo = ggx_albedo(token, view, wo.z, bsdf.alpha.sqrt());
     }
 
-    let drawn = sample_bsdf(token, &bsdf, wo, random.direction, random.lobe[0]);
+    let lit = view.scene.light_count > 0 && !is_delta(token, &bsdf);
+    let share = if lit { light_share(token, &bsdf, view.scene.light_share) } else { zero };
+    let [x, y] = random.direction;
+    let own = [(x - share) / (one - share), y];
+    let drawn = sample_bsdf(token, &bsdf, wo, own, random.lobe[0]);
     let mut wi = world_from_frame(token, normal, drawn.wi);
     let mut weight = drawn.weight;
-    if view.scene.light_count > 0 && !is_delta(token, &bsdf) {
-        let share = light_share(token, &bsdf, view.scene.light_share);
-        let [strategy, choice] = random.strategy;
-        let aimed = strategy.lt(share);
-        wi = Vector::select(aimed, sample_lights(token, view, aimed, choice, at.position, random.direction), wi);
+    if lit {
+        let aimed = x.lt(share);
+        wi = Vector::select(aimed, sample_lights(token, view, aimed, random.choice, at.position, [x / share, y]), wi);
         let (value, pdf) = evaluate_bsdf(token, &bsdf, wo, frame_from_world(token, normal, wi));
-        let density = share * lights_pdf(token, view, choice, at.position, wi) + (one - share) * pdf;
+        let density = share * lights_pdf(token, view, random.choice, at.position, wi) + (one - share) * pdf;
         let mixed = Vector::select(zero.lt(density), value * (one / density), Vector::uniform(zero));
         weight = Vector::select(zero.lt(share), mixed, weight);
     }

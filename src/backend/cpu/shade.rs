@@ -8,7 +8,7 @@ use crate::kernels::path::*;
 use crate::kernels::rng::random_pairs;
 use crate::kernels::surface::{Arrival, surface_at};
 use crate::kernels::view::SceneView;
-use crate::simd::{Vector, store};
+use crate::simd::{Lane, Vector, store};
 use fearless_simd::{Simd, f32x16};
 
 /// Paths that draw their directions at once.
@@ -111,7 +111,8 @@ impl Batch<'_> {
             }
         }
         let random = |pair: usize| random_pairs(simd, &seeds, &pairs[pair], self.sample);
-        let random = BouncePairs { strategy: random(0), direction: random(1), lobe: random(2) };
+        let choice = if self.view.scene.light_count > MAX_SUMMED_LIGHTS { random(2)[0] } else { f32x16::splat(simd, 0.0) };
+        let random = BouncePairs { direction: random(0), lobe: random(1), choice };
         let drawn = draw_direction(simd, self.view, &scattering, &random);
         let (wi, weight, chances) = (drawn.wi.rows(), drawn.weight.rows(), store(random.lobe[1]));
         for (lane, Waiting { path, encounter }) in waiting.drain(..).enumerate() {
