@@ -32,6 +32,7 @@ SCENE_BUFFER(Textures, Texture);
 SCENE_BUFFER(Texels, uvec2);
 layout(buffer_reference, std430, buffer_reference_align = 8) readonly buffer Profiles { vec2 items[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer BlackBodies { vec4 items[]; };
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Aims { vec4 items[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Materials { Material items[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Lights { Light items[]; };
 // Sources of the model, then its table.
@@ -71,6 +72,7 @@ layout(set = 0, binding = 3, std430) uniform SceneBlock {
     Floats albedo;
     BlackBodies black_bodies;
     Profiles profiles;
+    Aims aims;
     Model model;
     SceneParameters parameters;
     uint source_count;
@@ -218,6 +220,10 @@ vec4 texel(uint index) {
 
 Light light_at(uint index) {
     return scene.lights.items[index];
+}
+
+vec3 aim(uint index) {
+    return scene.aims.items[index].xyz;
 }
 
 float environment_cdf(uint index) {

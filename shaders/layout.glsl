@@ -89,6 +89,8 @@ struct SceneParameters {
     uint film_height;
     vec3 grid_reach_high;
     float pixel_spread;
+    vec3 aim_focus;
+    float aim_scale;
     float cone_width;
     float origin_offset;
     float tolerance;

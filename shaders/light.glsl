@@ -106,6 +106,37 @@ float light_pdf(Light light, vec3 position, vec3 direction) {
     return found.x * found.x / max(abs(dot(normal, direction)) * light.size, 1e-20);
 }
 
+vec3 apparent_shift(uint index, vec3 position) {
+    vec3 p = (position - SCENE.aim_focus) * SCENE.aim_scale;
+    float share = max(max(abs(p.x), abs(p.y)), abs(p.z));
+    if (!(share < 1.0)) {
+        return vec3(0.0);
+    }
+    uint level = 0;
+    while (level + 1 < AIM_LEVELS && share < 0.5) {
+        p *= 2.0;
+        share *= 2.0;
+        ++level;
+    }
+    float side = float(AIM_SIDE);
+    vec3 q = clamp((p * 0.5 + 0.5) * side - 0.5, vec3(0.0), vec3(side - 1.0));
+    vec3 corner = min(floor(q), vec3(side - 2.0));
+    vec3 f = q - corner;
+    uvec3 cell = uvec3(corner);
+    uint first = (((index * AIM_LEVELS + level) * AIM_SIDE + cell.z) * AIM_SIDE + cell.y) * AIM_SIDE + cell.x;
+    vec3 sum = vec3(0.0);
+    for (uint i = 0; i < 4; ++i) {
+        uint at = first + (i & 1) * AIM_SIDE + (i >> 1) * AIM_SIDE * AIM_SIDE;
+        float weight = ((i & 1) == 1 ? f.y : 1.0 - f.y) * ((i >> 1) == 1 ? f.z : 1.0 - f.z);
+        sum += mix(aim(at), aim(at + 1), f.x) * weight;
+    }
+    return sum;
+}
+
+vec3 apparent_position(uint index, vec3 position) {
+    return SCENE.aim_scale == 0.0 ? position : position - apparent_shift(index, position);
+}
+
 float lights_pdf(uint chosen, vec3 position, vec3 direction) {
     uint count = SCENE.light_count;
     if (count > MAX_SUMMED_LIGHTS) {
@@ -115,7 +146,7 @@ float lights_pdf(uint chosen, vec3 position, vec3 direction) {
     float before = 0.0;
     for (uint i = 0; i < count; ++i) {
         Light light = light_at(i);
-        sum += (light.cumulative - before) * light_pdf(light, position, direction);
+        sum += (light.cumulative - before) * light_pdf(light, apparent_position(i, position), direction);
         before = light.cumulative;
     }
     return sum;

@@ -182,7 +182,7 @@ Draw draw_direction(Scattering at, uint seed, uint first, uint sample_index, flo
             Light light = light_at(chosen);
             float before = many || chosen == 0 ? 0.0 : light_at(chosen - 1).cumulative;
             u.x = many ? u.x : (u.x - before) / (light.cumulative - before);
-            wi = sample_light(light, at.position, u);
+            wi = sample_light(light, many ? at.position : apparent_position(chosen, at.position), u);
         }
         float pdf;
         vec3 value = evaluate_bsdf(bsdf, wo, frame_from_world(normal, wi), pdf);

@@ -131,6 +131,9 @@ constants! {
         ALBEDO_SIZE = 32;
         /// Most chords one integration step is cut into.
         MAX_CHORDS = 32;
+        /// Levels of the table that lights are aimed at by, each half as large as the one before, and cells along each of its axes.
+        AIM_LEVELS = 4;
+        AIM_SIDE = 16;
         /// Levels of the clearance grid, each half as large as the one before.
         GRID_LEVELS = 4;
         /// 2^24: the film's fixed-point unit is 2^-24.

@@ -222,6 +222,10 @@ pub struct SceneParameters {
     pub grid_reach_high: [f32; 3],
     /// Angle of a pixel, radians.
     pub pixel_spread: f32,
+    /// Point that the levels of the table of apparent lights shrink towards.
+    pub aim_focus: [f32; 3],
+    /// 1 over the distance from there to the faces of the coarsest; 0 without a table.
+    pub aim_scale: f32,
     /// Width of a camera ray's cone at its origin.
     pub cone_width: f32,
     /// Offset of ray origins at the world's origin.

@@ -1,7 +1,8 @@
 //! Directions towards emitters, and radiance of the environment.
 //!
-//! Light sampling chooses *directions* in which a light would appear if light went straight. The mixture with BSDF sampling
-//! (`path.rs`) weights by density over directions, so it stays unbiased however the rays bend; bending only costs efficiency.
+//! Light sampling chooses *directions* in which a light would appear if light went straight from where it appears to be, which a table
+//! tells where space is bent (`world/aim.rs`). The mixture with BSDF sampling (`path.rs`) weights by density over directions, so it stays
+//! unbiased however the rays bend; a table that is wrong only costs efficiency.
 
 use super::constants::*;
 use super::layout::{EnvironmentParameters, Light};
@@ -93,6 +94,43 @@ pub fn light_pdf<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, light: 
     L::select(met, found.x * found.x / area.max(c(1e-20)), zero)
 }
 
+/// By how much light number `index` appears to be shifted from a point: interpolated in the finest level that holds the point, nothing
+/// beyond all. All of light sampling takes the light to be there.
+#[inline(always)]
+pub fn apparent_shift(view: &SceneView, index: u32, position: Vec3) -> Vec3 {
+    let scene = view.scene;
+    let mut p = (position - Vec3::from(scene.aim_focus)) * scene.aim_scale;
+    let mut share = p.abs().max_element();
+    if share.is_nan() || share >= 1.0 {
+        return Vec3::ZERO;
+    }
+    let mut level = 0;
+    while level + 1 < AIM_LEVELS && share < 0.5 {
+        p *= 2.0;
+        share *= 2.0;
+        level += 1;
+    }
+    let side = AIM_SIDE as f32;
+    let q = ((p * 0.5 + 0.5) * side - 0.5).clamp(Vec3::ZERO, Vec3::splat(side - 1.0));
+    let corner = q.floor().min(Vec3::splat(side - 2.0));
+    let f = q - corner;
+    let cell = corner.as_uvec3();
+    let first = (((index * AIM_LEVELS + level) * AIM_SIDE + cell.z) * AIM_SIDE + cell.y) * AIM_SIDE + cell.x;
+    let row = |at: u32| view.aim(at) * (1.0 - f.x) + view.aim(at + 1) * f.x;
+    let layer = |at: u32| row(at) * (1.0 - f.y) + row(at + AIM_SIDE) * f.y;
+    layer(first) * (1.0 - f.z) + layer(first + AIM_SIDE * AIM_SIDE) * f.z
+}
+
+/// Points from which light number `index`, where it is, has the direction in which it appears from `position`.
+#[inline(always)]
+pub fn apparent_position<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, index: u32, position: Vector<L>) -> Vector<L> {
+    if view.scene.aim_scale == 0.0 {
+        return position;
+    }
+    let [x, y, z] = position.rows();
+    position - Vector::by_lane(token, |i| apparent_shift(view, index, vec3(x[i], y[i], z[i])).into())
+}
+
 /// A direction towards a light, by `u` uniform in the unit square; only in the lanes that are `wanted`, what the others get means nothing.
 /// One of many is chosen by `choice`, uniform in [0, 1), one of a few by a share of `u`. Shaders choose a light first and call
 /// `sample_light`.
@@ -123,7 +161,8 @@ pub fn sample_lights<L: Lane<Real = f32>>(
         let below = L::bits(u[0].lt(L::splat(token, light.cumulative)));
         if todo & below != 0 {
             let share = (u[0] - L::splat(token, before)) * L::splat(token, 1.0 / (light.cumulative - before));
-            direction = Vector::select(L::mask(token, todo & below), sample_light(token, view, light, position, [share, u[1]]), direction);
+            let from = apparent_position(token, view, i, position);
+            direction = Vector::select(L::mask(token, todo & below), sample_light(token, view, light, from, [share, u[1]]), direction);
         }
         todo &= !below;
         before = light.cumulative;
@@ -150,7 +189,7 @@ pub fn lights_pdf<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, choice
     for i in 0..count {
         let light = view.light(i);
         let share = L::splat(token, light.cumulative - before);
-        sum = light_pdf(token, view, light, position, direction).mul_add(share, sum);
+        sum = light_pdf(token, view, light, apparent_position(token, view, i, position), direction).mul_add(share, sum);
         before = light.cumulative;
     }
     sum

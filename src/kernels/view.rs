@@ -2,7 +2,7 @@
 
 use super::constants::{CHILD_BLOCK, CHILD_INDEX, CHILD_PRIMITIVE};
 use super::layout::*;
-use glam::{Vec2, Vec4};
+use glam::{Vec2, Vec3, Vec4};
 
 /// Borrowed arrays of a world.
 #[derive(Clone, Copy)]
@@ -29,6 +29,8 @@ pub struct SceneView<'a> {
     pub texels: &'a [[u16; 4]],
     /// Emitters.
     pub lights: &'a [Light],
+    /// By how much each light appears to be shifted, by light, level and cell; the last number means nothing.
+    pub aims: &'a [[f32; 4]],
     /// Cumulative distribution of the environment: rows, then the columns of each row.
     pub environment_cdf: &'a [f32],
     /// Distance to the nearest geometry by level and cell, in quarters of a cell of that level.
@@ -112,6 +114,11 @@ impl SceneView<'_> {
     #[inline(always)]
     pub fn light(&self, index: u32) -> &Light {
         &self.lights[index as usize]
+    }
+    /// An entry of the table of apparent lights.
+    #[inline(always)]
+    pub fn aim(&self, index: u32) -> Vec3 {
+        Vec4::from(self.aims[index as usize]).truncate()
     }
     /// An entry of the environment's distribution.
     #[inline(always)]

@@ -1,5 +1,6 @@
 //! A scene compiled to the flat arrays that both backends read.
 
+mod aim;
 pub mod bvh;
 mod clearance;
 mod emitters;
@@ -50,6 +51,8 @@ pub struct World {
     pub texels: Vec<[u16; 4]>,
     /// Emitters.
     pub lights: Vec<Light>,
+    /// By how much each light appears to be shifted, by light, level and cell; empty where they are aimed at straight.
+    pub aims: Vec<[f32; 4]>,
     /// Cumulative distribution of the environment.
     pub environment_cdf: Vec<f32>,
     /// Clearance grid, the coarsest level first.
@@ -92,6 +95,7 @@ impl World {
             textures: vec![],
             texels: vec![],
             lights: vec![],
+            aims: vec![],
             environment_cdf: vec![],
             // One cell on each level, without clearance, so that the grid is never an empty array.
             clearance: vec![0; GRID_LEVELS as usize],
@@ -132,6 +136,7 @@ impl World {
         }
         drop(corners);
         emitters::add(&mut world, scene);
+        aim::build(&mut world);
         Ok(world)
     }
 
@@ -155,6 +160,8 @@ impl World {
             grid_reach_high: own.grid_reach_high,
             bounds_low: own.bounds_low,
             bounds_high: own.bounds_high,
+            aim_focus: own.aim_focus,
+            aim_scale: own.aim_scale,
             origin_offset: own.origin_offset,
             method: own.method,
             literal_kick: own.literal_kick,
@@ -181,6 +188,7 @@ impl World {
             textures: &self.textures,
             texels: &self.texels,
             lights: &self.lights,
+            aims: &self.aims,
             environment_cdf: &self.environment_cdf,
             clearance: &self.clearance,
             albedo: &self.albedo,
@@ -214,6 +222,7 @@ impl World {
             + size_of_val(&self.primitives[..])
             + size_of_val(&self.texels[..])
             + size_of_val(&self.lights[..])
+            + size_of_val(&self.aims[..])
             + size_of_val(&self.environment_cdf[..])
             + self.clearance.len()
     }

@@ -45,7 +45,7 @@ impl DeviceScene {
             ("primitives", bytemuck::cast_slice(&world.primitives), words),
             ("clearance", &world.clearance, (vk::Format::R8_UINT, 1)),
         ];
-        let contents: [(&str, &[u8]); 12] = [
+        let contents: [(&str, &[u8]); 13] = [
             ("triangles", bytemuck::cast_slice(&world.triangles)),
             ("vertices", bytemuck::cast_slice(&world.vertices)),
             ("objects", bytemuck::cast_slice(&world.objects)),
@@ -57,6 +57,7 @@ impl DeviceScene {
             ("albedo", bytemuck::cast_slice(&world.albedo)),
             ("black bodies", bytemuck::cast_slice(&world.black_bodies)),
             ("disc profiles", bytemuck::cast_slice(&world.profiles)),
+            ("apparent lights", bytemuck::cast_slice(&world.aims)),
             ("model", &sources),
         ];
         let mut array = |name: &str, bytes: &[u8]| {
