@@ -222,8 +222,8 @@ Light light_at(uint index) {
     return scene.lights.items[index];
 }
 
-vec3 aim(uint index) {
-    return scene.aims.items[index].xyz;
+vec4 aim(uint index) {
+    return scene.aims.items[index];
 }
 
 float environment_cdf(uint index) {

@@ -106,11 +106,11 @@ float light_pdf(Light light, vec3 position, vec3 direction) {
     return found.x * found.x / max(abs(dot(normal, direction)) * light.size, 1e-20);
 }
 
-vec3 apparent_shift(uint index, vec3 position) {
+vec4 apparent_light(uint index, vec3 position) {
     vec3 p = (position - SCENE.aim_focus) * SCENE.aim_scale;
     float share = max(max(abs(p.x), abs(p.y)), abs(p.z));
     if (!(share < 1.0)) {
-        return vec3(0.0);
+        return vec4(0.0);
     }
     uint level = 0;
     while (level + 1 < AIM_LEVELS && share < 0.5) {
@@ -124,7 +124,7 @@ vec3 apparent_shift(uint index, vec3 position) {
     vec3 f = q - corner;
     uvec3 cell = uvec3(corner);
     uint first = (((index * AIM_LEVELS + level) * AIM_SIDE + cell.z) * AIM_SIDE + cell.y) * AIM_SIDE + cell.x;
-    vec3 sum = vec3(0.0);
+    vec4 sum = vec4(0.0);
     for (uint i = 0; i < 4; ++i) {
         uint at = first + (i & 1) * AIM_SIDE + (i >> 1) * AIM_SIDE * AIM_SIDE;
         float weight = ((i & 1) == 1 ? f.y : 1.0 - f.y) * ((i >> 1) == 1 ? f.z : 1.0 - f.z);
@@ -134,7 +134,13 @@ vec3 apparent_shift(uint index, vec3 position) {
 }
 
 vec3 apparent_position(uint index, vec3 position) {
-    return SCENE.aim_scale == 0.0 ? position : position - apparent_shift(index, position);
+    if (SCENE.aim_scale == 0.0) {
+        return position;
+    }
+    Light light = light_at(index);
+    vec3 center = light.position + (light.edge_u + light.edge_v) * (light.kind == LIGHT_TRIANGLE ? 1.0 / 3.0 : 0.5);
+    vec4 apparent = apparent_light(index, position);
+    return center + (position - apparent.xyz - center) / (1.0 + apparent.w);
 }
 
 float lights_pdf(uint chosen, vec3 position, vec3 direction) {

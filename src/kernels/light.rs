@@ -11,7 +11,7 @@ use super::sampling::{sin_cos_turns, spherical_direction, world_from_frame};
 use super::texture::sample_texture;
 use super::view::SceneView;
 use crate::simd::{Lane, Vector, by_lane, store, vector};
-use glam::{Vec2, Vec3, vec2, vec3};
+use glam::{Vec2, Vec3, Vec4, vec2, vec3};
 
 /// Index of the light chosen by the uniform number `u`.
 #[inline(always)]
@@ -94,15 +94,15 @@ pub fn light_pdf<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, light: 
     L::select(met, found.x * found.x / area.max(c(1e-20)), zero)
 }
 
-/// By how much light number `index` appears to be shifted from a point: interpolated in the finest level that holds the point, nothing
-/// beyond all. All of light sampling takes the light to be there.
+/// By how much light number `index` appears to be shifted from a point (xyz), and by what share it appears to be larger (w): interpolated
+/// in the finest level that holds the point, nothing beyond all.
 #[inline(always)]
-pub fn apparent_shift(view: &SceneView, index: u32, position: Vec3) -> Vec3 {
+pub fn apparent_light(view: &SceneView, index: u32, position: Vec3) -> Vec4 {
     let scene = view.scene;
     let mut p = (position - Vec3::from(scene.aim_focus)) * scene.aim_scale;
     let mut share = p.abs().max_element();
     if share.is_nan() || share >= 1.0 {
-        return Vec3::ZERO;
+        return Vec4::ZERO;
     }
     let mut level = 0;
     while level + 1 < AIM_LEVELS && share < 0.5 {
@@ -121,14 +121,22 @@ pub fn apparent_shift(view: &SceneView, index: u32, position: Vec3) -> Vec3 {
     layer(first) * (1.0 - f.z) + layer(first + AIM_SIDE * AIM_SIDE) * f.z
 }
 
-/// Points from which light number `index`, where it is, has the direction in which it appears from `position`.
+/// The point from which light number `index` would look as it does from `position`, if its light went straight: all of light sampling
+/// takes place there.
 #[inline(always)]
 pub fn apparent_position<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, index: u32, position: Vector<L>) -> Vector<L> {
     if view.scene.aim_scale == 0.0 {
         return position;
     }
+    let light = view.light(index);
+    let edges = Vec3::from(light.edge_u) + Vec3::from(light.edge_v);
+    let center = Vec3::from(light.position) + edges * if light.kind == LIGHT_TRIANGLE { 1.0 / 3.0 } else { 0.5 };
     let [x, y, z] = position.rows();
-    position - Vector::by_lane(token, |i| apparent_shift(view, index, vec3(x[i], y[i], z[i])).into())
+    Vector::by_lane(token, |i| {
+        let at = vec3(x[i], y[i], z[i]);
+        let apparent = apparent_light(view, index, at);
+        (center + (at - apparent.truncate() - center) / (1.0 + apparent.w)).into()
+    })
 }
 
 /// A direction towards a light, by `u` uniform in the unit square; only in the lanes that are `wanted`, what the others get means nothing.

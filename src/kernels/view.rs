@@ -2,7 +2,7 @@
 
 use super::constants::{CHILD_BLOCK, CHILD_INDEX, CHILD_PRIMITIVE};
 use super::layout::*;
-use glam::{Vec2, Vec3, Vec4};
+use glam::{Vec2, Vec4};
 
 /// Borrowed arrays of a world.
 #[derive(Clone, Copy)]
@@ -29,7 +29,7 @@ pub struct SceneView<'a> {
     pub texels: &'a [[u16; 4]],
     /// Emitters.
     pub lights: &'a [Light],
-    /// By how much each light appears to be shifted, by light, level and cell; the last number means nothing.
+    /// By how much each light appears to be shifted and by what share larger, by light, level and cell.
     pub aims: &'a [[f32; 4]],
     /// Cumulative distribution of the environment: rows, then the columns of each row.
     pub environment_cdf: &'a [f32],
@@ -117,8 +117,8 @@ impl SceneView<'_> {
     }
     /// An entry of the table of apparent lights.
     #[inline(always)]
-    pub fn aim(&self, index: u32) -> Vec3 {
-        Vec4::from(self.aims[index as usize]).truncate()
+    pub fn aim(&self, index: u32) -> Vec4 {
+        Vec4::from(self.aims[index as usize])
     }
     /// An entry of the environment's distribution.
     #[inline(always)]

@@ -1,26 +1,30 @@
 //! Where lights appear: the table that light sampling aims by where space is bent.
 //!
-//! A light at P that is seen from x in the direction w appears at x + w |P - x|, shifted by so much from where it is. The shifts are
-//! averages over cells of a nested grid, each level half as large as the one before about the focus, of what rays from the light's center
-//! find there. They are a guess: whatever they say, the density of the directions drawn is known exactly (`kernels/light.rs`).
+//! A point P that is seen from x in the direction w appears at x + w |P - x|. For each light the table has by how much its center appears
+//! to be shifted, and by what share the light appears to be larger, so that where it appears is covered. Both are averages over the cells
+//! of a nested grid, each level half as large as the one before about the focus, of what rays from the light find there: first rays from
+//! its center, then from all over it. They are a guess: whatever they say, the density of the directions drawn is known exactly
+//! (`kernels/light.rs`).
 
 use super::World;
 use crate::kernels::constants::*;
 use crate::kernels::integrator::{ModelBlock, PointFunctions};
 use crate::kernels::layout::Light;
+use crate::kernels::rng::random_pair;
 use crate::spacetime::{Class, ModelKind};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// Rays from all lights together, and most from one.
-const RAYS: usize = 8192;
-const MOST_RAYS: usize = 4096;
+/// Rays for the shifts of all lights together, and most of one; as many again for their extent.
+const RAYS: usize = 4096;
+const MOST_RAYS: usize = 2048;
 /// Most steps of a ray.
 const STEPS: usize = 512;
-/// Steps as shares of the cell they are in, and of what the model allows.
+/// Steps as shares of the cell they are in and of what the model allows, and the least as a share of the cell.
 const CELL_SHARE: f64 = 0.5;
 const SAFE_SHARE: f64 = 0.3;
+const LEAST_SHARE: f64 = 1e-3;
 /// Room between the lights or the camera and the faces of the coarsest level, as a factor.
 const ROOM: f64 = 1.25;
 /// Of several images the one whose light came the shorter way is taken, if it is shorter by this factor.
@@ -29,11 +33,14 @@ const SHORTER: f64 = 0.8;
 const ALIKE: f64 = 0.3;
 /// How many cells far a shift is taken to where no ray came.
 const REACH: usize = 3;
+/// Room around the extent of an image, as a factor, and the largest that is believed.
+const MARGIN: f64 = 1.2;
+const LARGEST: f64 = 4.0;
 
 const SIDE: usize = AIM_SIDE as usize;
 const CELLS: usize = SIDE * SIDE * SIDE;
 
-/// What rays found in a cell.
+/// What rays from a light's center found in a cell.
 #[derive(Clone, Copy, Default)]
 struct Found {
     /// Sum of the shifts, and how many they are.
@@ -41,6 +48,30 @@ struct Found {
     count: f64,
     /// Length of the way to the first.
     length: f64,
+}
+
+/// What rays from all over a light found in a cell: squares of the distances from its center, apparent and true, across the ray.
+#[derive(Clone, Copy, Default)]
+struct Extent {
+    apparent: f64,
+    true_one: f64,
+}
+
+/// A point on the way of a ray from a light.
+struct Sighting {
+    /// Where, and in which direction the light appears from there.
+    x: DVec3,
+    direction: DVec3,
+    /// Length of the way.
+    length: f64,
+}
+
+/// A light as rays start from it.
+struct Source<'a> {
+    functions: &'a PointFunctions<f64>,
+    block: &'a ModelBlock<f64>,
+    light: Light,
+    center: DVec3,
 }
 
 /// The grid about its focus, `half` of its coarsest level from there to each face.
@@ -65,10 +96,12 @@ pub(super) fn build(world: &mut World) {
     let grid = Grid { focus, half };
     let (functions, block) = (PointFunctions::<f64>::of(model), world.model_block::<f64>());
     let rays = (RAYS / world.lights.len()).min(MOST_RAYS);
-    let tables: Vec<Vec<[f32; 4]>> = centers
+    let tables: Vec<Vec<[f32; 4]>> = world
+        .lights
         .par_iter()
-        .map(|center| match center {
-            Some(center) => grid.shifts(&functions, &block, *center, rays),
+        .zip(centers)
+        .map(|(light, center)| match center {
+            Some(center) => grid.table(&Source { functions: &functions, block: &block, light: *light, center }, rays),
             None => vec![[0.0; 4]; AIM_LEVELS as usize * CELLS],
         })
         .collect();
@@ -89,73 +122,139 @@ fn center(light: &Light) -> Option<DVec3> {
 }
 
 impl Grid {
-    /// Shifts of the light around `center`, level after level.
-    fn shifts(&self, functions: &PointFunctions<f64>, block: &ModelBlock<f64>, center: DVec3, rays: usize) -> Vec<[f32; 4]> {
+    /// The entries of one light, level after level.
+    fn table(&self, source: &Source, rays: usize) -> Vec<[f32; 4]> {
         let mut found = vec![Found::default(); AIM_LEVELS as usize * CELLS];
         for i in 0..rays {
-            // Directions of a Fibonacci lattice.
-            let y = 1.0 - (2.0 * i as f64 + 1.0) / rays as f64;
-            let (sin, cos) = (PI * (3.0 - 5f64.sqrt()) * i as f64).sin_cos();
-            let r = (1.0 - y * y).sqrt();
-            self.follow(functions, block, center, DVec3::new(r * cos, y, r * sin), &mut found);
+            source.follow(self, source.center, lattice(i, rays), |at| {
+                let distance = at.x.distance(source.center);
+                let shift = at.x + at.direction * distance - source.center;
+                self.cells_of(at.x, |cell, size| found[cell].add(shift, at.length, ALIKE * distance + size));
+            });
         }
-        let mut shifts: Vec<Option<DVec3>> = found.iter().map(|f| (f.count > 0.0).then(|| f.sum / f.count)).collect();
-        for level in 0..AIM_LEVELS as usize {
-            let (coarser, this) = shifts.split_at_mut(level * CELLS);
-            let this = &mut this[..CELLS];
-            for _ in 0..REACH {
-                spread(this);
-            }
-            for (cell, shift) in this.iter_mut().enumerate() {
-                if shift.is_none() {
-                    // The cell's place on the level before, whose cells are twice as large.
-                    let [x, y, z] = place(cell).map(|i| (i + SIDE / 2) / 2);
-                    *shift = Some(coarser.len().checked_sub(CELLS).and_then(|first| coarser[first + (z * SIDE + y) * SIDE + x]).unwrap_or_default());
-                }
-            }
+        let shifts = complete(found.iter().map(|f| (f.count > 0.0).then(|| f.sum / f.count)).collect());
+        let mut extents = vec![Extent::default(); AIM_LEVELS as usize * CELLS];
+        for i in 0..rays {
+            let direction = lattice(i, rays);
+            let offset = source.offset(i as u32, direction);
+            source.follow(self, source.center + offset, direction, |at| {
+                let distance = at.x.distance(source.center + offset);
+                self.cells_of(at.x, |cell, size| {
+                    let apart = across(at.x + at.direction * distance - source.center - shifts[cell], at.direction);
+                    if apart.length() < ALIKE * distance + size {
+                        extents[cell].apparent += apart.length_squared();
+                        extents[cell].true_one += across(offset, at.direction).length_squared();
+                    }
+                });
+            });
         }
-        shifts.into_iter().map(|s| s.unwrap_or_default().as_vec3().extend(0.0).to_array()).collect()
+        let growth = |e: &Extent| {
+            let known = (e.true_one > 0.0).then(|| std::env::var("MARGIN").map_or(MARGIN, |v| v.parse().unwrap()) * (e.apparent / e.true_one).sqrt());
+            known.map(|share| DVec3::splat(share.clamp(1.0, LARGEST) - 1.0))
+        };
+        let growths = complete(extents.iter().map(growth).collect());
+        shifts.iter().zip(growths).map(|(shift, growth)| shift.as_vec3().extend(growth.x as f32).to_array()).collect()
     }
 
-    /// Follows a ray from a light, and notes in the cells it passes where the light appears from there.
-    fn follow(&self, functions: &PointFunctions<f64>, block: &ModelBlock<f64>, center: DVec3, direction: DVec3, found: &mut [Found]) {
+    /// Calls `visit` with the number and the size of the cell of every level that holds a point.
+    fn cells_of(&self, x: DVec3, mut visit: impl FnMut(usize, f64)) {
+        let share = (x - self.focus) / self.half;
+        for level in 0..AIM_LEVELS as usize {
+            let p = share * (1 << level) as f64;
+            if p.abs().max_element() < 1.0 {
+                let [i, j, k] = ((p * 0.5 + 0.5) * SIDE as f64).to_array().map(|c| (c as usize).min(SIDE - 1));
+                visit(level * CELLS + (k * SIDE + j) * SIDE + i, self.cell(level));
+            }
+        }
+    }
+
+    /// Size of the cells of a level.
+    fn cell(&self, level: usize) -> f64 {
+        2.0 * self.half / (SIDE << level) as f64
+    }
+}
+
+/// Direction number `i` of a Fibonacci lattice of so many.
+fn lattice(i: usize, count: usize) -> DVec3 {
+    let y = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
+    let (sin, cos) = (PI * (3.0 - 5f64.sqrt()) * i as f64).sin_cos();
+    let r = (1.0 - y * y).sqrt();
+    DVec3::new(r * cos, y, r * sin)
+}
+
+/// The part of a vector across a unit vector.
+fn across(v: DVec3, direction: DVec3) -> DVec3 {
+    v - direction * v.dot(direction)
+}
+
+/// Fills the cells where no ray came: from their neighbours, further off from the level before.
+fn complete(mut values: Vec<Option<DVec3>>) -> Vec<DVec3> {
+    for level in 0..AIM_LEVELS as usize {
+        let (coarser, this) = values.split_at_mut(level * CELLS);
+        let this = &mut this[..CELLS];
+        for _ in 0..REACH {
+            spread(this);
+        }
+        for (cell, value) in this.iter_mut().enumerate().filter(|(_, v)| v.is_none()) {
+            // The cell's place on the level before, whose cells are twice as large.
+            let [x, y, z] = place(cell).map(|i| (i + SIDE / 2) / 2);
+            *value = coarser.len().checked_sub(CELLS).and_then(|first| coarser[first + (z * SIDE + y) * SIDE + x]);
+        }
+    }
+    values.into_iter().map(Option::unwrap_or_default).collect()
+}
+
+impl Source<'_> {
+    /// Point number `i` of the light from its center: on a sphere's disc across `direction`, or anywhere on a quad or a triangle.
+    fn offset(&self, i: u32, direction: DVec3) -> DVec3 {
+        let u = random_pair(0, 0, i).as_dvec2();
+        let [edge_u, edge_v] = [self.light.edge_u, self.light.edge_v].map(|v| Vec3::from(v).as_dvec3());
+        match self.light.kind {
+            LIGHT_SPHERE => {
+                let (right, up) = direction.any_orthonormal_pair();
+                let (sin, cos) = (2.0 * PI * u.y).sin_cos();
+                (right * cos + up * sin) * (u.x.sqrt() * f64::from(self.light.size))
+            }
+            LIGHT_TRIANGLE => {
+                let root = u.x.sqrt();
+                edge_u * (2.0 / 3.0 - root) + edge_v * (u.y * root - 1.0 / 3.0)
+            }
+            _ => edge_u * (u.x - 0.5) + edge_v * (u.y - 0.5),
+        }
+    }
+
+    /// Follows a ray from a point of the light, and calls `sight` at the start of each of its steps.
+    fn follow(&self, grid: &Grid, start: DVec3, direction: DVec3, mut sight: impl FnMut(&Sighting)) {
+        let (functions, block) = (self.functions, self.block);
         let sense = 1.0;
-        let mut x = center.to_array();
-        let (mut p, energy, frequency) = (functions.launch)((), block, x, direction.to_array(), 1.0, sense);
+        let (p, energy, frequency) = (functions.launch)((), block, start.to_array(), direction.to_array(), 1.0, sense);
+        let (mut x, mut p) = (start, DVec3::from(p));
         let (mut parameter, mut length) = (0.0, 0.0);
         for _ in 0..STEPS {
-            let at = DVec3::from(x);
-            let out = (at - self.focus).abs().max_element() / self.half;
-            let alive = (functions.capture_distance)((), block, x, p, frequency, sense) >= 0.0;
-            if !alive || !out.is_finite() || out >= 1.0 {
+            let alive = (functions.capture_distance)((), block, x.to_array(), p.to_array(), frequency, sense) >= 0.0;
+            let (mut inside, mut cell) = (false, 0.0);
+            grid.cells_of(x, |_, size| (inside, cell) = (true, size));
+            if !alive || !inside {
                 return;
             }
-            let (seen, ..) = (functions.observe)((), block, x, p, energy, sense, parameter);
-            let distance = at.distance(center);
-            let shift = at - DVec3::from(seen) * distance - center;
-            let mut cell = 2.0 * self.half / SIDE as f64;
-            for level in 0..AIM_LEVELS {
-                let scale = f64::from(1 << level);
-                if out * scale < 1.0 {
-                    cell = 2.0 * self.half / (SIDE as f64 * scale);
-                    let [i, j, k] = (((at - self.focus) / self.half * scale * 0.5 + 0.5) * SIDE as f64).to_array().map(|c| (c as usize).min(SIDE - 1));
-                    found[level as usize * CELLS + (k * SIDE + j) * SIDE + i].add(shift, length, ALIKE * distance + cell);
-                }
+            let (seen, ..) = (functions.observe)((), block, x.to_array(), p.to_array(), energy, sense, parameter);
+            let direction = -DVec3::from(seen);
+            if direction.is_finite() {
+                sight(&Sighting { x, direction, length });
             }
             // A step of the classical Runge-Kutta method.
             let rate = |x: DVec3, p: DVec3, parameter: f64| {
                 let (v, a) = (functions.rate)((), block, x.to_array(), p.to_array(), energy, sense, parameter);
                 (DVec3::from(v), DVec3::from(a))
             };
-            let at_p = DVec3::from(p);
-            let (v1, a1) = rate(at, at_p, parameter);
-            let step = (CELL_SHARE * cell).min(SAFE_SHARE * (functions.safe_step)((), block, x).0).max(1e-3 * cell);
+            let (v1, a1) = rate(x, p, parameter);
+            let step = (CELL_SHARE * cell).min(SAFE_SHARE * (functions.safe_step)((), block, x.to_array()).0).max(LEAST_SHARE * cell);
             let h = step / v1.length();
-            let (v2, a2) = rate(at + v1 * (0.5 * h), at_p + a1 * (0.5 * h), parameter + 0.5 * h);
-            let (v3, a3) = rate(at + v2 * (0.5 * h), at_p + a2 * (0.5 * h), parameter + 0.5 * h);
-            let (v4, a4) = rate(at + v3 * h, at_p + a3 * h, parameter + h);
-            x = (at + (v1 + (v2 + v3) * 2.0 + v4) * (h / 6.0)).to_array();
-            p = (at_p + (a1 + (a2 + a3) * 2.0 + a4) * (h / 6.0)).to_array();
+            let (v2, a2) = rate(x + v1 * (0.5 * h), p + a1 * (0.5 * h), parameter + 0.5 * h);
+            let (v3, a3) = rate(x + v2 * (0.5 * h), p + a2 * (0.5 * h), parameter + 0.5 * h);
+            let (v4, a4) = rate(x + v3 * h, p + a3 * h, parameter + h);
+            x += (v1 + (v2 + v3) * 2.0 + v4) * (h / 6.0);
+            p += (a1 + (a2 + a3) * 2.0 + a4) * (h / 6.0);
             parameter += h;
             length += step;
         }
@@ -165,9 +264,6 @@ impl Grid {
 impl Found {
     /// Adds a shift, unless it is another image's than those found before; a clearly shorter way takes their place.
     fn add(&mut self, shift: DVec3, length: f64, alike: f64) {
-        if !shift.is_finite() {
-            return;
-        }
         if self.count == 0.0 || length < SHORTER * self.length {
             *self = Found { sum: shift, count: 1.0, length };
         } else if shift.distance(self.sum / self.count) < alike {
@@ -182,10 +278,10 @@ fn place(cell: usize) -> [usize; 3] {
     [cell % SIDE, cell / SIDE % SIDE, cell / (SIDE * SIDE)]
 }
 
-/// Gives cells without a shift the mean of their neighbours'.
-fn spread(shifts: &mut [Option<DVec3>]) {
-    let before = shifts.to_vec();
-    for (cell, shift) in shifts.iter_mut().enumerate().filter(|(_, s)| s.is_none()) {
+/// Gives cells without a value the mean of their neighbours'.
+fn spread(values: &mut [Option<DVec3>]) {
+    let before = values.to_vec();
+    for (cell, value) in values.iter_mut().enumerate().filter(|(_, v)| v.is_none()) {
         let (mut sum, mut count) = (DVec3::ZERO, 0.0);
         for (axis, i) in place(cell).into_iter().enumerate() {
             let stride = SIDE.pow(axis as u32);
@@ -196,6 +292,6 @@ fn spread(shifts: &mut [Option<DVec3>]) {
                 }
             }
         }
-        *shift = (count > 0.0).then(|| sum / count);
+        *value = (count > 0.0).then(|| sum / count);
     }
 }
