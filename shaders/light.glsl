@@ -106,11 +106,16 @@ float light_pdf(Light light, vec3 position, vec3 direction) {
     return found.x * found.x / max(abs(dot(normal, direction)) * light.size, 1e-20);
 }
 
-vec4 apparent_light(uint index, vec3 position) {
+struct AimCell {
+    uint first;
+    vec3 upper;
+};
+
+AimCell aim_cell(vec3 position) {
     vec3 p = (position - SCENE.aim_focus) * SCENE.aim_scale;
     float share = max(max(abs(p.x), abs(p.y)), abs(p.z));
-    if (!(share < 1.0)) {
-        return vec4(0.0);
+    if (SCENE.aim_scale == 0.0 || !(share < 1.0)) {
+        return AimCell(NO_INDEX, vec3(0.0));
     }
     uint level = 0;
     while (level + 1 < AIM_LEVELS && share < 0.5) {
@@ -120,30 +125,38 @@ vec4 apparent_light(uint index, vec3 position) {
     }
     float side = float(AIM_SIDE);
     vec3 q = clamp((p * 0.5 + 0.5) * side - 0.5, vec3(0.0), vec3(side - 1.0));
-    vec3 corner = min(floor(q), vec3(side - 2.0));
-    vec3 f = q - corner;
-    uvec3 cell = uvec3(corner);
-    uint first = (((index * AIM_LEVELS + level) * AIM_SIDE + cell.z) * AIM_SIDE + cell.y) * AIM_SIDE + cell.x;
+    vec3 lower = min(floor(q), vec3(side - 2.0));
+    uvec3 cell = uvec3(lower);
+    uint number = ((level * AIM_SIDE + cell.z) * AIM_SIDE + cell.y) * AIM_SIDE + cell.x;
+    return AimCell(number * SCENE.light_count, q - lower);
+}
+
+vec4 apparent_light(AimCell cell, uint index) {
+    if (cell.first == NO_INDEX) {
+        return vec4(0.0);
+    }
+    uint stride = SCENE.light_count;
+    vec3 upper = cell.upper;
     vec4 sum = vec4(0.0);
     for (uint i = 0; i < 4; ++i) {
-        uint at = first + (i & 1) * AIM_SIDE + (i >> 1) * AIM_SIDE * AIM_SIDE;
-        float weight = ((i & 1) == 1 ? f.y : 1.0 - f.y) * ((i >> 1) == 1 ? f.z : 1.0 - f.z);
-        sum += mix(aim(at), aim(at + 1), f.x) * weight;
+        uint at = cell.first + index + stride * AIM_SIDE * ((i & 1) + AIM_SIDE * (i >> 1));
+        float weight = ((i & 1) == 1 ? upper.y : 1.0 - upper.y) * ((i >> 1) == 1 ? upper.z : 1.0 - upper.z);
+        sum += mix(aim(at), aim(at + stride), upper.x) * weight;
     }
     return sum;
 }
 
-vec3 apparent_position(uint index, vec3 position) {
+vec3 apparent_position(AimCell cell, uint index, vec3 position) {
     if (SCENE.aim_scale == 0.0) {
         return position;
     }
     Light light = light_at(index);
     vec3 center = light.position + (light.edge_u + light.edge_v) * (light.kind == LIGHT_TRIANGLE ? 1.0 / 3.0 : 0.5);
-    vec4 apparent = apparent_light(index, position);
+    vec4 apparent = apparent_light(cell, index);
     return center + (position - apparent.xyz - center) / (1.0 + apparent.w);
 }
 
-float lights_pdf(uint chosen, vec3 position, vec3 direction) {
+float lights_pdf(uint chosen, AimCell cell, vec3 position, vec3 direction) {
     uint count = SCENE.light_count;
     if (count > MAX_SUMMED_LIGHTS) {
         return light_pdf(light_at(chosen), position, direction);
@@ -152,7 +165,7 @@ float lights_pdf(uint chosen, vec3 position, vec3 direction) {
     float before = 0.0;
     for (uint i = 0; i < count; ++i) {
         Light light = light_at(i);
-        sum += (light.cumulative - before) * light_pdf(light, apparent_position(i, position), direction);
+        sum += (light.cumulative - before) * light_pdf(light, apparent_position(cell, i, position), direction);
         before = light.cumulative;
     }
     return sum;

@@ -178,15 +178,16 @@ Draw draw_direction(Scattering at, uint seed, uint first, uint sample_index, flo
     if (share > 0.0) {
         bool many = SCENE.light_count > MAX_SUMMED_LIGHTS;
         uint chosen = choose_light(many ? random_pair(seed, first + 2, sample_index).x : u.x);
+        AimCell cell = aim_cell(at.position);
         if (aimed) {
             Light light = light_at(chosen);
             float before = many || chosen == 0 ? 0.0 : light_at(chosen - 1).cumulative;
             u.x = many ? u.x : (u.x - before) / (light.cumulative - before);
-            wi = sample_light(light, many ? at.position : apparent_position(chosen, at.position), u);
+            wi = sample_light(light, many ? at.position : apparent_position(cell, chosen, at.position), u);
         }
         float pdf;
         vec3 value = evaluate_bsdf(bsdf, wo, frame_from_world(normal, wi), pdf);
-        float density = share * lights_pdf(chosen, at.position, wi) + (1.0 - share) * pdf;
+        float density = share * lights_pdf(chosen, cell, at.position, wi) + (1.0 - share) * pdf;
         weight = density > 0.0 ? value * (1.0 / density) : vec3(0.0);
     }
 

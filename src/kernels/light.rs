@@ -10,7 +10,7 @@ use super::primitive::intersect_quad;
 use super::sampling::{sin_cos_turns, spherical_direction, world_from_frame};
 use super::texture::sample_texture;
 use super::view::SceneView;
-use crate::simd::{Lane, Vector, by_lane, store, vector};
+use crate::simd::{Lane, MAX_LANES, Vector, by_lane, store, vector};
 use glam::{Vec2, Vec3, Vec4, vec2, vec3};
 
 /// Index of the light chosen by the uniform number `u`.
@@ -94,15 +94,23 @@ pub fn light_pdf<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, light: 
     L::select(met, found.x * found.x / area.max(c(1e-20)), zero)
 }
 
-/// By how much light number `index` appears to be shifted from a point (xyz), and by what share it appears to be larger (w): interpolated
-/// in the finest level that holds the point, nothing beyond all.
+/// Where a point is in the table of apparent lights.
+#[derive(Clone, Copy, Debug)]
+pub struct AimCell {
+    /// Entry of the first light in the lowest of the eight cells around the point; `NO_INDEX` beyond the table.
+    pub first: u32,
+    /// Weight of the upper cells along each axis.
+    pub upper: Vec3,
+}
+
+/// Finds a point in the finest level of the table that holds it.
 #[inline(always)]
-pub fn apparent_light(view: &SceneView, index: u32, position: Vec3) -> Vec4 {
+pub fn aim_cell(view: &SceneView, position: Vec3) -> AimCell {
     let scene = view.scene;
     let mut p = (position - Vec3::from(scene.aim_focus)) * scene.aim_scale;
     let mut share = p.abs().max_element();
-    if share.is_nan() || share >= 1.0 {
-        return Vec4::ZERO;
+    if scene.aim_scale == 0.0 || share.is_nan() || share >= 1.0 {
+        return AimCell { first: NO_INDEX, upper: Vec3::ZERO };
     }
     let mut level = 0;
     while level + 1 < AIM_LEVELS && share < 0.5 {
@@ -112,31 +120,72 @@ pub fn apparent_light(view: &SceneView, index: u32, position: Vec3) -> Vec4 {
     }
     let side = AIM_SIDE as f32;
     let q = ((p * 0.5 + 0.5) * side - 0.5).clamp(Vec3::ZERO, Vec3::splat(side - 1.0));
-    let corner = q.floor().min(Vec3::splat(side - 2.0));
-    let f = q - corner;
-    let cell = corner.as_uvec3();
-    let first = (((index * AIM_LEVELS + level) * AIM_SIDE + cell.z) * AIM_SIDE + cell.y) * AIM_SIDE + cell.x;
-    let row = |at: u32| view.aim(at) * (1.0 - f.x) + view.aim(at + 1) * f.x;
-    let layer = |at: u32| row(at) * (1.0 - f.y) + row(at + AIM_SIDE) * f.y;
-    layer(first) * (1.0 - f.z) + layer(first + AIM_SIDE * AIM_SIDE) * f.z
+    let lower = q.floor().min(Vec3::splat(side - 2.0));
+    let cell = lower.as_uvec3();
+    let number = ((level * AIM_SIDE + cell.z) * AIM_SIDE + cell.y) * AIM_SIDE + cell.x;
+    AimCell { first: number * scene.light_count, upper: q - lower }
 }
 
-/// The point from which light number `index` would look as it does from `position`, if its light went straight: all of light sampling
-/// takes place there.
+/// By how much light number `index` appears to be shifted (xyz), and by what share it appears to be larger (w).
 #[inline(always)]
-pub fn apparent_position<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, index: u32, position: Vector<L>) -> Vector<L> {
+pub fn apparent_light(view: &SceneView, cell: &AimCell, index: u32) -> Vec4 {
+    if cell.first == NO_INDEX {
+        return Vec4::ZERO;
+    }
+    let stride = view.scene.light_count;
+    let upper = cell.upper;
+    let row = |at: u32| view.aim(at) * (1.0 - upper.x) + view.aim(at + stride) * upper.x;
+    let layer = |at: u32| row(at) * (1.0 - upper.y) + row(at + stride * AIM_SIDE) * upper.y;
+    let first = cell.first + index;
+    layer(first) * (1.0 - upper.z) + layer(first + stride * AIM_SIDE * AIM_SIDE) * upper.z
+}
+
+/// A point that lights are seen from, or one per lane.
+pub struct Vantage<L> {
+    /// The point.
+    pub position: Vector<L>,
+    /// Where it is in the table of apparent lights.
+    pub cells: [AimCell; MAX_LANES],
+}
+
+impl<L: Lane<Real = f32>> Vantage<L> {
+    /// Finds the point in the table.
+    #[inline(always)]
+    pub fn new(view: &SceneView, position: Vector<L>) -> Self {
+        let mut cells = [AimCell { first: NO_INDEX, upper: Vec3::ZERO }; MAX_LANES];
+        if view.scene.aim_scale != 0.0 {
+            let [x, y, z] = position.rows();
+            for (lane, cell) in cells[..L::LANES].iter_mut().enumerate() {
+                *cell = aim_cell(view, vec3(x[lane], y[lane], z[lane]));
+            }
+        }
+        Vantage { position, cells }
+    }
+}
+
+/// The point from which light number `index` would look as it does from `from`, if its light went straight: all of light sampling takes
+/// place there. Only in the lanes that are `wanted`.
+#[inline(always)]
+pub fn apparent_position<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, index: u32, from: &Vantage<L>, wanted: u32) -> Vector<L> {
     if view.scene.aim_scale == 0.0 {
-        return position;
+        return from.position;
     }
     let light = view.light(index);
     let edges = Vec3::from(light.edge_u) + Vec3::from(light.edge_v);
     let center = Vec3::from(light.position) + edges * if light.kind == LIGHT_TRIANGLE { 1.0 / 3.0 } else { 0.5 };
-    let [x, y, z] = position.rows();
-    Vector::by_lane(token, |i| {
-        let at = vec3(x[i], y[i], z[i]);
-        let apparent = apparent_light(view, index, at);
-        (center + (at - apparent.truncate() - center) / (1.0 + apparent.w)).into()
-    })
+    let mut rows = [[0.0; MAX_LANES]; 4];
+    for (lane, cell) in from.cells[..L::LANES].iter().enumerate() {
+        if wanted >> lane & 1 == 1 {
+            let apparent = apparent_light(view, cell, index);
+            for (row, value) in rows.iter_mut().zip(apparent.to_array()) {
+                row[lane] = value;
+            }
+        }
+    }
+    let center = Vector::constant(token, center.into());
+    let shift = vector(L::load(token, &rows[0]), L::load(token, &rows[1]), L::load(token, &rows[2]));
+    let one = L::splat(token, 1.0);
+    center + (from.position - shift - center) * (one / (one + L::load(token, &rows[3])))
 }
 
 /// A direction towards a light, by `u` uniform in the unit square; only in the lanes that are `wanted`, what the others get means nothing.
@@ -148,12 +197,12 @@ pub fn sample_lights<L: Lane<Real = f32>>(
     view: &SceneView,
     wanted: L::Mask,
     choice: L,
-    position: Vector<L>,
+    from: &Vantage<L>,
     u: [L; 2],
 ) -> Vector<L> {
     let count = view.scene.light_count;
     if count > MAX_SUMMED_LIGHTS {
-        let (choice, [x, y, z], u, v) = (store(choice), position.rows(), store(u[0]), store(u[1]));
+        let (choice, [x, y, z], u, v) = (store(choice), from.position.rows(), store(u[0]), store(u[1]));
         let wanted = L::bits(wanted);
         return Vector::by_lane(token, |i| {
             if wanted >> i & 1 == 0 {
@@ -163,14 +212,15 @@ pub fn sample_lights<L: Lane<Real = f32>>(
             sample_light((), view, light, vector(x[i], y[i], z[i]), [u[i], v[i]])
         });
     }
-    let (mut direction, mut todo, mut before) = (position, L::bits(wanted), 0.0);
+    let (mut direction, mut todo, mut before) = (from.position, L::bits(wanted), 0.0);
     for i in 0..count {
         let light = view.light(i);
         let below = L::bits(u[0].lt(L::splat(token, light.cumulative)));
         if todo & below != 0 {
             let share = (u[0] - L::splat(token, before)) * L::splat(token, 1.0 / (light.cumulative - before));
-            let from = apparent_position(token, view, i, position);
-            direction = Vector::select(L::mask(token, todo & below), sample_light(token, view, light, from, [share, u[1]]), direction);
+            let position = apparent_position(token, view, i, from, todo & below);
+            let towards = sample_light(token, view, light, position, [share, u[1]]);
+            direction = Vector::select(L::mask(token, todo & below), towards, direction);
         }
         todo &= !below;
         before = light.cumulative;
@@ -183,10 +233,10 @@ pub fn sample_lights<L: Lane<Real = f32>>(
 /// With few lights this is the density over all of them, so that none is left to the surface's lobes alone; with many it
 /// is that of the chosen one, which is as unbiased and costs the same however many there are.
 #[inline(always)]
-pub fn lights_pdf<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, choice: L, position: Vector<L>, direction: Vector<L>) -> L {
+pub fn lights_pdf<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, choice: L, from: &Vantage<L>, direction: Vector<L>) -> L {
     let count = view.scene.light_count;
     if count > MAX_SUMMED_LIGHTS {
-        let (choice, [x, y, z], [dx, dy, dz]) = (store(choice), position.rows(), direction.rows());
+        let (choice, [x, y, z], [dx, dy, dz]) = (store(choice), from.position.rows(), direction.rows());
         return by_lane(token, |i| {
             let light = view.light(choose_light(view, choice[i]));
             light_pdf((), view, light, vector(x[i], y[i], z[i]), vector(dx[i], dy[i], dz[i]))
@@ -197,7 +247,7 @@ pub fn lights_pdf<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, choice
     for i in 0..count {
         let light = view.light(i);
         let share = L::splat(token, light.cumulative - before);
-        sum = light_pdf(token, view, light, apparent_position(token, view, i, position), direction).mul_add(share, sum);
+        sum = light_pdf(token, view, light, apparent_position(token, view, i, from, u32::MAX), direction).mul_add(share, sum);
         before = light.cumulative;
     }
     sum

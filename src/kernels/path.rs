@@ -7,7 +7,7 @@
 use super::camera::{camera_ray, sample_filter};
 use super::constants::*;
 use super::layout::Aov;
-use super::light::{environment_radiance, lights_pdf, sample_lights};
+use super::light::{Vantage, environment_radiance, lights_pdf, sample_lights};
 use super::material::{Bsdf, evaluate_bsdf, ggx_albedo, is_delta, light_share, sample_bsdf};
 use super::rng::{pixel_seed, random_pairs};
 use super::sampling::{frame_from_world, world_from_frame};
@@ -306,9 +306,10 @@ pub fn draw_direction<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, at
     let mut weight = drawn.weight;
     if lit {
         let aimed = x.lt(share);
-        wi = Vector::select(aimed, sample_lights(token, view, aimed, random.choice, at.position, [x / share, y]), wi);
+        let from = Vantage::new(view, at.position);
+        wi = Vector::select(aimed, sample_lights(token, view, aimed, random.choice, &from, [x / share, y]), wi);
         let (value, pdf) = evaluate_bsdf(token, &bsdf, wo, frame_from_world(token, normal, wi));
-        let density = share * lights_pdf(token, view, random.choice, at.position, wi) + (one - share) * pdf;
+        let density = share * lights_pdf(token, view, random.choice, &from, wi) + (one - share) * pdf;
         let mixed = Vector::select(zero.lt(density), value * (one / density), Vector::uniform(zero));
         weight = Vector::select(zero.lt(share), mixed, weight);
     }

@@ -29,7 +29,7 @@ pub struct SceneView<'a> {
     pub texels: &'a [[u16; 4]],
     /// Emitters.
     pub lights: &'a [Light],
-    /// By how much each light appears to be shifted and by what share larger, by light, level and cell.
+    /// By how much each light appears to be shifted and by what share larger, by level, cell and light.
     pub aims: &'a [[f32; 4]],
     /// Cumulative distribution of the environment: rows, then the columns of each row.
     pub environment_cdf: &'a [f32],

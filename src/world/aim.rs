@@ -105,7 +105,7 @@ pub(super) fn build(world: &mut World) {
             None => vec![[0.0; 4]; AIM_LEVELS as usize * CELLS],
         })
         .collect();
-    world.aims = tables.concat();
+    world.aims = (0..AIM_LEVELS as usize * CELLS).flat_map(|cell| tables.iter().map(move |table| table[cell])).collect();
     world.scene.aim_focus = focus.as_vec3().into();
     world.scene.aim_scale = (1.0 / half) as f32;
 }
@@ -149,7 +149,7 @@ impl Grid {
             });
         }
         let growth = |e: &Extent| {
-            let known = (e.true_one > 0.0).then(|| std::env::var("MARGIN").map_or(MARGIN, |v| v.parse().unwrap()) * (e.apparent / e.true_one).sqrt());
+            let known = (e.true_one > 0.0).then(|| MARGIN * (e.apparent / e.true_one).sqrt());
             known.map(|share| DVec3::splat(share.clamp(1.0, LARGEST) - 1.0))
         };
         let growths = complete(extents.iter().map(growth).collect());

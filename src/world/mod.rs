@@ -51,7 +51,7 @@ pub struct World {
     pub texels: Vec<[u16; 4]>,
     /// Emitters.
     pub lights: Vec<Light>,
-    /// By how much each light appears to be shifted and by what share larger, by light, level and cell; empty where space is straight, and
+    /// By how much each light appears to be shifted and by what share larger, by level, cell and light; empty where space is straight, and
     /// where nothing is known.
     pub aims: Vec<[f32; 4]>,
     /// Cumulative distribution of the environment.
