@@ -218,6 +218,8 @@ fn structures_have_the_layout_of_the_shaders() {
             film_height,
             grid_reach_high,
             pixel_spread,
+            aim_focus,
+            aim_scale,
             cone_width,
             origin_offset,
             tolerance,

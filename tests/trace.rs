@@ -320,7 +320,7 @@ fn drift_is_counted_in_order() {
 
     // Away from the hole and past it, and two that come so near that they drift further than all others.
     let wide = (0..1998).map(|i| f64::from(i) * 1e-3).map(|angle| format!("20,0,0,{:?},{:?},0\n", angle.cos(), angle.sin()));
-    let near = ["20,0,0,-1,0.35,0\n", "20,0,0,-1,-0.36,0\n"].map(String::from);
+    let near = ["20,0,0,-1,0.3,0\n", "20,0,0,-1,-0.31,0\n"].map(String::from);
     let rays: String = std::iter::once(header.to_owned()).chain(near).chain(wide).collect();
     let options = ["--length", "30", "--tolerance", "1e-8"];
     let summary = folder.summary(HOLE, &rays, &options);

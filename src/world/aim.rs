@@ -25,17 +25,17 @@ const STEPS: usize = 512;
 const CELL_SHARE: f64 = 0.5;
 const SAFE_SHARE: f64 = 0.3;
 const LEAST_SHARE: f64 = 1e-3;
-/// Room between the lights or the camera and the faces of the coarsest level, as a factor.
-const ROOM: f64 = 1.25;
+/// Distance of the faces of the coarsest level from the focus, as a multiple of that of the furthest light.
+const ROOM: f64 = 2.0;
 /// Of several images the one whose light came the shorter way is taken, if it is shorter by this factor.
 const SHORTER: f64 = 0.8;
 /// Shifts in a cell that differ by more than this share of the distance are of different images.
 const ALIKE: f64 = 0.3;
 /// How many cells far a shift is taken to where no ray came.
 const REACH: usize = 3;
-/// Room around the extent of an image, as a factor, and the largest that is believed.
-const MARGIN: f64 = 1.2;
-const LARGEST: f64 = 4.0;
+/// Growth of a light for each growth of the mean square of its extent, and the most there is.
+const MARGIN: f64 = 1.5;
+const MOST_GROWTH: f64 = 3.0;
 
 const SIDE: usize = AIM_SIDE as usize;
 const CELLS: usize = SIDE * SIDE * SIDE;
@@ -91,8 +91,7 @@ pub(super) fn build(world: &mut World) {
     let _span = tracing::info_span!("aim", lights = world.lights.len()).entered();
     let focus = Vec3::from(scene.region_center).as_dvec3();
     let centers: Vec<Option<DVec3>> = world.lights.iter().map(center).collect();
-    let seen = centers.iter().flatten().copied().chain([Vec3::from(scene.camera_position).as_dvec3()]);
-    let half = seen.map(|p| (p - focus).abs().max_element()).fold(1e-3, f64::max) * ROOM;
+    let half = centers.iter().flatten().map(|p| (p - focus).abs().max_element()).fold(1e-3, f64::max) * ROOM;
     let grid = Grid { focus, half };
     let (functions, block) = (PointFunctions::<f64>::of(model), world.model_block::<f64>());
     let rays = (RAYS / world.lights.len()).min(MOST_RAYS);
@@ -149,8 +148,8 @@ impl Grid {
             });
         }
         let growth = |e: &Extent| {
-            let known = (e.true_one > 0.0).then(|| MARGIN * (e.apparent / e.true_one).sqrt());
-            known.map(|share| DVec3::splat(share.clamp(1.0, LARGEST) - 1.0))
+            let known = (e.true_one > 0.0).then(|| (e.apparent / e.true_one).sqrt() - 1.0);
+            known.map(|share| DVec3::splat((MARGIN * share).clamp(0.0, MOST_GROWTH)))
         };
         let growths = complete(extents.iter().map(growth).collect());
         shifts.iter().zip(growths).map(|(shift, growth)| shift.as_vec3().extend(growth.x as f32).to_array()).collect()

@@ -71,7 +71,7 @@ impl DeviceScene {
             let buffer = array(name, bytes)?;
             traversed.push((TexelView::new(device, &buffer, format, size)?, buffer));
         }
-        let size = (8 * arrays.len() + size_of::<SceneParameters>()).next_multiple_of(16) + model.len();
+        let size = (8 * arrays.len()).next_multiple_of(16) + size_of::<SceneParameters>().next_multiple_of(16) + model.len();
         let block = Buffer::new(device, "scene", size as u64, MemoryLocation::GpuOnly)?;
         let mut scene = DeviceScene { traversed, arrays, model, block, staging };
         scene.set_parameters(commands, &world.scene)?;
@@ -81,8 +81,9 @@ impl DeviceScene {
     /// Replaces everything that is not an array.
     pub fn set_parameters(&mut self, commands: &mut Commands, parameters: &SceneParameters) -> Result<()> {
         let mut bytes: Vec<u8> = self.arrays.iter().flat_map(|b| b.address().to_le_bytes()).collect();
+        // A structure begins and ends at a multiple of the alignment of its vectors.
+        bytes.resize(bytes.len().next_multiple_of(16), 0);
         bytes.extend_from_slice(bytemuck::bytes_of(parameters));
-        // A structure ends at a multiple of the alignment of its vectors.
         bytes.resize(bytes.len().next_multiple_of(16), 0);
         bytes.extend_from_slice(&self.model);
         upload(commands, &mut self.staging, &self.block, &bytes)
