@@ -7,6 +7,7 @@
 //! (`kernels/light.rs`).
 
 use super::World;
+use super::bvh::primitive_bounds;
 use crate::kernels::constants::*;
 use crate::kernels::integrator::{ModelBlock, PointFunctions};
 use crate::kernels::layout::Light;
@@ -25,8 +26,10 @@ const STEPS: usize = 512;
 const CELL_SHARE: f64 = 0.5;
 const SAFE_SHARE: f64 = 0.3;
 const LEAST_SHARE: f64 = 1e-3;
-/// Distance of the faces of the coarsest level from the focus, as a multiple of that of the furthest light.
-const ROOM: f64 = 2.0;
+/// Distance of the faces of the coarsest level from the focus, as a multiple of that of the furthest light or middle of a primitive, and
+/// the least as a share of that of the furthest geometry.
+const ROOM: f64 = 1.5;
+const LEAST_ROOM: f64 = 0.1;
 /// Of several images the one whose light came the shorter way is taken, if it is shorter by this factor.
 const SHORTER: f64 = 0.8;
 /// Shifts in a cell that differ by more than this share of the distance are of different images.
@@ -91,7 +94,14 @@ pub(super) fn build(world: &mut World) {
     let _span = tracing::info_span!("aim", lights = world.lights.len()).entered();
     let focus = Vec3::from(scene.region_center).as_dvec3();
     let centers: Vec<Option<DVec3>> = world.lights.iter().map(center).collect();
-    let half = centers.iter().flatten().map(|p| (p - focus).abs().max_element()).fold(1e-3, f64::max) * ROOM;
+    if centers.iter().all(Option::is_none) {
+        return;
+    }
+    let furthest = |points: &mut dyn Iterator<Item = DVec3>| points.map(|p| (p - focus).abs().max_element()).fold(0.0, f64::max);
+    let middles = world.primitives.iter().map(primitive_bounds).map(|(low, high)| (low + high).as_dvec3() / 2.0);
+    let corners = [world.bounds.0, world.bounds.1].map(Vec3::as_dvec3);
+    let least = LEAST_ROOM * furthest(&mut corners.into_iter());
+    let half = (ROOM * furthest(&mut centers.iter().flatten().copied().chain(middles))).max(least);
     let grid = Grid { focus, half };
     let (functions, block) = (PointFunctions::<f64>::of(model), world.model_block::<f64>());
     let rays = (RAYS / world.lights.len()).min(MOST_RAYS);
