@@ -113,14 +113,12 @@ struct AimCell {
 
 AimCell aim_cell(vec3 position) {
     vec3 p = (position - SCENE.aim_focus) * SCENE.aim_scale;
-    float share = max(max(abs(p.x), abs(p.y)), abs(p.z));
-    if (SCENE.aim_scale == 0.0 || !(share < 1.0)) {
+    if (SCENE.aim_scale == 0.0 || !all(lessThan(abs(p), vec3(1.0)))) {
         return AimCell(NO_INDEX, vec3(0.0));
     }
     uint level = 0;
-    while (level + 1 < AIM_LEVELS && share < 0.5) {
+    while (level + 1 < AIM_LEVELS && all(lessThan(abs(p), vec3(0.5)))) {
         p *= 2.0;
-        share *= 2.0;
         ++level;
     }
     float side = float(AIM_SIDE);

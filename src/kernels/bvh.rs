@@ -29,7 +29,8 @@ pub struct Curve<L> {
     pub c3: [L; 3],
     /// Pieces the curve is cut into, a whole number.
     pub chords: L,
-    /// Largest distance between the curve and those pieces' chords at equal s.
+    /// Distance between the curve and those pieces' chords at equal s that is wanted; more if there may not be so many pieces. Boxes are
+    /// extended by it too, so that a flat one has some thickness.
     pub tolerance: L,
 }
 
@@ -95,7 +96,7 @@ pub fn whole_chord<L: Lane>(curve: &Curve<L>) -> [L; 3] {
     [c1[0] + c2[0] + c3[0], c1[1] + c2[1] + c3[1], c1[2] + c2[2] + c3[2]]
 }
 
-/// The part of the curve from `from` to `to`, cut so that no chord strays from it by more than `tolerance`.
+/// The part of the curve from `from` to `to`, cut so that no chord strays from it by more than `tolerance`, into `MAX_CHORDS` at most.
 #[inline(always)]
 pub fn cut_span<L: Lane>(token: L::Token, curve: &Curve<L>, from: L, to: L, tolerance: L) -> Curve<L> {
     let (one, three) = (L::constant(token, 1.0), L::constant(token, 3.0));

@@ -108,14 +108,12 @@ pub struct AimCell {
 pub fn aim_cell(view: &SceneView, position: Vec3) -> AimCell {
     let scene = view.scene;
     let mut p = (position - Vec3::from(scene.aim_focus)) * scene.aim_scale;
-    let mut share = p.abs().max_element();
-    if scene.aim_scale == 0.0 || share.is_nan() || share >= 1.0 {
+    if scene.aim_scale == 0.0 || !p.abs().cmplt(Vec3::ONE).all() {
         return AimCell { first: NO_INDEX, upper: Vec3::ZERO };
     }
     let mut level = 0;
-    while level + 1 < AIM_LEVELS && share < 0.5 {
+    while level + 1 < AIM_LEVELS && p.abs().max_element() < 0.5 {
         p *= 2.0;
-        share *= 2.0;
         level += 1;
     }
     let side = AIM_SIDE as f32;

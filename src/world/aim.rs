@@ -4,7 +4,7 @@
 //! to be shifted, and by what share the light appears to be larger, so that where it appears is covered. Both are averages over the cells
 //! of a nested grid, each level half as large as the one before about the focus, of what rays from the light find there: first rays from
 //! its center, then from all over it. They are a guess: whatever they say, the density of the directions drawn is known exactly
-//! (`kernels/light.rs`).
+//! (`kernels/light.rs`). What stands in the way is not asked.
 
 use super::World;
 use super::bvh::primitive_bounds;
@@ -16,6 +16,7 @@ use crate::spacetime::{Class, ModelKind};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::f64::consts::PI;
+use std::ops::{Add, Div};
 
 /// Rays for the shifts of all lights together, and most of one; as many again for their extent.
 const RAYS: usize = 4096;
@@ -27,7 +28,7 @@ const CELL_SHARE: f64 = 0.5;
 const SAFE_SHARE: f64 = 0.3;
 const LEAST_SHARE: f64 = 1e-3;
 /// Distance of the faces of the coarsest level from the focus, as a multiple of that of the furthest light or middle of a primitive, and
-/// the least as a share of that of the furthest geometry.
+/// the least as a share of that of the furthest geometry. A light far away from all else makes the cells coarse for all.
 const ROOM: f64 = 1.5;
 const LEAST_ROOM: f64 = 0.1;
 /// Of several images the one whose light came the shorter way is taken, if it is shorter by this factor.
@@ -53,11 +54,12 @@ struct Found {
     length: f64,
 }
 
-/// What rays from all over a light found in a cell: squares of the distances from its center, apparent and true, across the ray.
+/// What rays from all over a light found in a cell: sums of the squares of their distances from its center across the ray, where they
+/// appear to come from and where they do.
 #[derive(Clone, Copy, Default)]
-struct Extent {
+struct Spread {
     apparent: f64,
-    true_one: f64,
+    actual: f64,
 }
 
 /// A point on the way of a ray from a light.
@@ -88,7 +90,7 @@ pub(super) fn build(world: &mut World) {
     let (model, scene) = (world.model, &world.scene);
     let few = (1..=MAX_SUMMED_LIGHTS as usize).contains(&world.lights.len());
     let reversible = model.class() != Class::Flow && !model.moves_at_infinity() && world.parameters.throat == 0.0;
-    if model == ModelKind::Flat || !few || !reversible || scene.region_radius <= 0.0 || scene.light_share == 0.0 {
+    if model == ModelKind::Flat || !few || !reversible || scene.region_radius <= 0.0 {
         return;
     }
     let _span = tracing::info_span!("aim", lights = world.lights.len()).entered();
@@ -142,7 +144,7 @@ impl Grid {
             });
         }
         let shifts = complete(found.iter().map(|f| (f.count > 0.0).then(|| f.sum / f.count)).collect());
-        let mut extents = vec![Extent::default(); AIM_LEVELS as usize * CELLS];
+        let mut spreads = vec![Spread::default(); AIM_LEVELS as usize * CELLS];
         for i in 0..rays {
             let direction = lattice(i, rays);
             let offset = source.offset(i as u32, direction);
@@ -151,25 +153,22 @@ impl Grid {
                 self.cells_of(at.x, |cell, size| {
                     let apart = across(at.x + at.direction * distance - source.center - shifts[cell], at.direction);
                     if apart.length() < ALIKE * distance + size {
-                        extents[cell].apparent += apart.length_squared();
-                        extents[cell].true_one += across(offset, at.direction).length_squared();
+                        spreads[cell].apparent += apart.length_squared();
+                        spreads[cell].actual += across(offset, at.direction).length_squared();
                     }
                 });
             });
         }
-        let growth = |e: &Extent| {
-            let known = (e.true_one > 0.0).then(|| (e.apparent / e.true_one).sqrt() - 1.0);
-            known.map(|share| DVec3::splat((MARGIN * share).clamp(0.0, MOST_GROWTH)))
-        };
-        let growths = complete(extents.iter().map(growth).collect());
-        shifts.iter().zip(growths).map(|(shift, growth)| shift.as_vec3().extend(growth.x as f32).to_array()).collect()
+        let growth = |s: &Spread| (s.actual > 0.0).then(|| (MARGIN * ((s.apparent / s.actual).sqrt() - 1.0)).clamp(0.0, MOST_GROWTH));
+        let growths = complete(spreads.iter().map(growth).collect());
+        shifts.iter().zip(growths).map(|(shift, growth)| shift.as_vec3().extend(growth as f32).to_array()).collect()
     }
 
     /// Calls `visit` with the number and the size of the cell of every level that holds a point.
     fn cells_of(&self, x: DVec3, mut visit: impl FnMut(usize, f64)) {
-        let share = (x - self.focus) / self.half;
+        let from_focus = (x - self.focus) / self.half;
         for level in 0..AIM_LEVELS as usize {
-            let p = share * (1 << level) as f64;
+            let p = from_focus * (1 << level) as f64;
             if p.abs().max_element() < 1.0 {
                 let [i, j, k] = ((p * 0.5 + 0.5) * SIDE as f64).to_array().map(|c| (c as usize).min(SIDE - 1));
                 visit(level * CELLS + (k * SIDE + j) * SIDE + i, self.cell(level));
@@ -196,8 +195,12 @@ fn across(v: DVec3, direction: DVec3) -> DVec3 {
     v - direction * v.dot(direction)
 }
 
+/// What a cell holds.
+trait Value: Copy + Default + Add<Output = Self> + Div<f64, Output = Self> {}
+impl<T: Copy + Default + Add<Output = T> + Div<f64, Output = T>> Value for T {}
+
 /// Fills the cells where no ray came: from their neighbours, further off from the level before.
-fn complete(mut values: Vec<Option<DVec3>>) -> Vec<DVec3> {
+fn complete<T: Value>(mut values: Vec<Option<T>>) -> Vec<T> {
     for level in 0..AIM_LEVELS as usize {
         let (coarser, this) = values.split_at_mut(level * CELLS);
         let this = &mut this[..CELLS];
@@ -243,7 +246,7 @@ impl Source<'_> {
             let alive = (functions.capture_distance)((), block, x.to_array(), p.to_array(), frequency, sense) >= 0.0;
             let (mut inside, mut cell) = (false, 0.0);
             grid.cells_of(x, |_, size| (inside, cell) = (true, size));
-            if !alive || !inside {
+            if !alive || !inside || !x.is_finite() {
                 return;
             }
             let (seen, ..) = (functions.observe)((), block, x.to_array(), p.to_array(), energy, sense, parameter);
@@ -288,15 +291,15 @@ fn place(cell: usize) -> [usize; 3] {
 }
 
 /// Gives cells without a value the mean of their neighbours'.
-fn spread(values: &mut [Option<DVec3>]) {
+fn spread<T: Value>(values: &mut [Option<T>]) {
     let before = values.to_vec();
     for (cell, value) in values.iter_mut().enumerate().filter(|(_, v)| v.is_none()) {
-        let (mut sum, mut count) = (DVec3::ZERO, 0.0);
+        let (mut sum, mut count) = (T::default(), 0.0);
         for (axis, i) in place(cell).into_iter().enumerate() {
             let stride = SIDE.pow(axis as u32);
             for neighbour in [(i > 0).then(|| cell - stride), (i + 1 < SIDE).then(|| cell + stride)].into_iter().flatten() {
                 if let Some(known) = before[neighbour] {
-                    sum += known;
+                    sum = sum + known;
                     count += 1.0;
                 }
             }
