@@ -94,7 +94,7 @@ fn directions_lead_to_the_lights() {
                 assert_eq!(aimed, straight, "there is no table for two sides");
                 continue;
             }
-            // The table makes lights larger by a fifth across, so that no more than about 0.7 can.
+            // The table makes lights larger where they appear distorted, so that not all can.
             assert!(aimed > 0.5 && aimed > straight + 0.05, "{spacetime}, {lamp}: {aimed} against {straight}");
         }
     }
