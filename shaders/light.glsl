@@ -106,6 +106,10 @@ float light_pdf(Light light, vec3 position, vec3 direction) {
     return found.x * found.x / max(abs(dot(normal, direction)) * light.size, 1e-20);
 }
 
+vec3 light_center(Light light) {
+    return light.position + (light.edge_u + light.edge_v) * (light.kind == LIGHT_TRIANGLE ? 1.0 / 3.0 : 0.5);
+}
+
 struct AimCell {
     uint first;
     vec3 upper;
@@ -148,8 +152,7 @@ vec3 apparent_position(AimCell cell, uint index, vec3 position) {
     if (SCENE.aim_scale == 0.0) {
         return position;
     }
-    Light light = light_at(index);
-    vec3 center = light.position + (light.edge_u + light.edge_v) * (light.kind == LIGHT_TRIANGLE ? 1.0 / 3.0 : 0.5);
+    vec3 center = light_center(light_at(index));
     vec4 apparent = apparent_light(cell, index);
     return center + (position - apparent.xyz - center) / (1.0 + apparent.w);
 }

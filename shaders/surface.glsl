@@ -87,8 +87,12 @@ Surface surface_at(Arrival arrival) {
     return Surface(position, geometric, shading, uv, triangle.object);
 }
 
+vec3 textured(vec3 color, uint index, vec2 uv) {
+    return index == NO_INDEX ? color : color * sample_texture(index, uv).xyz;
+}
+
 vec3 base_color_at(Material material, vec2 uv) {
-    return material.base_texture == NO_INDEX ? material.base_color : material.base_color * sample_texture(material.base_texture, uv).xyz;
+    return textured(material.base_color, material.base_texture, uv);
 }
 
 float roughness_at(Material material, vec2 uv) {
@@ -100,7 +104,7 @@ vec3 emission_at(Material material, vec2 uv, float frequency_ratio) {
     if (material.temperature > 0.0) {
         emission *= black_body(material.temperature * frequency_ratio);
     }
-    return material.emission_texture == NO_INDEX ? emission : emission * sample_texture(material.emission_texture, uv).xyz;
+    return textured(emission, material.emission_texture, uv);
 }
 #endif
 

@@ -171,7 +171,7 @@ constants! {
         LIGHT_ALPHA = 0.25;
         /// Largest share of samples that go towards lights.
         LIGHT_SHARE = 0.3;
-        /// The same where space is bent: more of them miss, and 0.3 was found to be noisier.
+        /// The same where space is bent and more of them miss.
         BENT_LIGHT_SHARE = 0.2;
         /// Spread of a ray cone after a diffuse bounce, radians.
         DIFFUSE_SPREAD = 0.02;

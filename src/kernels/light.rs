@@ -94,6 +94,13 @@ pub fn light_pdf<L: Lane<Real = f32>>(token: L::Token, view: &SceneView, light: 
     L::select(met, found.x * found.x / area.max(c(1e-20)), zero)
 }
 
+/// The middle of a sphere, a quad or a triangle.
+#[inline(always)]
+pub fn light_center(light: &Light) -> Vec3 {
+    let edges = Vec3::from(light.edge_u) + Vec3::from(light.edge_v);
+    Vec3::from(light.position) + edges * if light.kind == LIGHT_TRIANGLE { 1.0 / 3.0 } else { 0.5 }
+}
+
 /// Where a point is in the table of apparent lights.
 #[derive(Clone, Copy, Debug)]
 pub struct AimCell {
@@ -168,9 +175,6 @@ pub fn apparent_position<L: Lane<Real = f32>>(token: L::Token, view: &SceneView,
     if view.scene.aim_scale == 0.0 {
         return from.position;
     }
-    let light = view.light(index);
-    let edges = Vec3::from(light.edge_u) + Vec3::from(light.edge_v);
-    let center = Vec3::from(light.position) + edges * if light.kind == LIGHT_TRIANGLE { 1.0 / 3.0 } else { 0.5 };
     let mut rows = [[0.0; MAX_LANES]; 4];
     for (lane, cell) in from.cells[..L::LANES].iter().enumerate() {
         if wanted >> lane & 1 == 1 {
@@ -180,7 +184,7 @@ pub fn apparent_position<L: Lane<Real = f32>>(token: L::Token, view: &SceneView,
             }
         }
     }
-    let center = Vector::constant(token, center.into());
+    let center = Vector::constant(token, light_center(view.light(index)).into());
     let shift = vector(L::load(token, &rows[0]), L::load(token, &rows[1]), L::load(token, &rows[2]));
     let one = L::splat(token, 1.0);
     center + (from.position - shift - center) * (one / (one + L::load(token, &rows[3])))

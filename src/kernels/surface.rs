@@ -112,15 +112,19 @@ pub fn surface_at(view: &SceneView, arrival: &Arrival) -> Surface {
     }
 }
 
+/// `color` times what a texture, or none (`NO_INDEX`), has at `uv`.
+#[inline(always)]
+pub fn textured(view: &SceneView, color: Vec3, texture: u32, uv: Vec2) -> Vec3 {
+    if texture == NO_INDEX {
+        return color;
+    }
+    color * sample_texture(view, texture, uv).truncate()
+}
+
 /// Colour of a material at `uv`.
 #[inline(always)]
 pub fn base_color_at(view: &SceneView, material: &Material, uv: Vec2) -> Vec3 {
-    let color = Vec3::from(material.base_color);
-    if material.base_texture == NO_INDEX {
-        return color;
-    }
-    let texel = sample_texture(view, material.base_texture, uv);
-    color * vec3(texel.x, texel.y, texel.z)
+    textured(view, material.base_color.into(), material.base_texture, uv)
 }
 
 /// Roughness of a material at `uv` (the green channel of its texture, as in glTF).
@@ -156,11 +160,7 @@ pub fn emission_at(view: &SceneView, material: &Material, uv: Vec2, frequency_ra
     if material.temperature > 0.0 {
         emission *= black_body(view, material.temperature * frequency_ratio);
     }
-    if material.emission_texture == NO_INDEX {
-        return emission;
-    }
-    let texel = sample_texture(view, material.emission_texture, uv);
-    emission * vec3(texel.x, texel.y, texel.z)
+    textured(view, emission, material.emission_texture, uv)
 }
 
 /// Temperature (as a share of the highest) and angular velocity of an accretion disc at `radius` from its center.

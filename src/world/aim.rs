@@ -11,6 +11,7 @@ use super::bvh::primitive_bounds;
 use crate::kernels::constants::*;
 use crate::kernels::integrator::{ModelBlock, PointFunctions};
 use crate::kernels::layout::Light;
+use crate::kernels::light::light_center;
 use crate::kernels::rng::random_pair;
 use crate::spacetime::{Class, ModelKind};
 use glam::{DVec3, Vec3};
@@ -95,6 +96,8 @@ pub(super) fn build(world: &mut World) {
     }
     let _span = tracing::info_span!("aim", lights = world.lights.len()).entered();
     let focus = Vec3::from(scene.region_center).as_dvec3();
+    // The sky has none.
+    let center = |light: &Light| (light.kind != LIGHT_ENVIRONMENT).then(|| light_center(light).as_dvec3());
     let centers: Vec<Option<DVec3>> = world.lights.iter().map(center).collect();
     if centers.iter().all(Option::is_none) {
         return;
@@ -119,17 +122,6 @@ pub(super) fn build(world: &mut World) {
     world.aims = (0..AIM_LEVELS as usize * CELLS).flat_map(|cell| tables.iter().map(move |table| table[cell])).collect();
     world.scene.aim_focus = focus.as_vec3().into();
     world.scene.aim_scale = (1.0 / half) as f32;
-}
-
-/// The middle of a light; none of the sky.
-fn center(light: &Light) -> Option<DVec3> {
-    let [position, u, v] = [light.position, light.edge_u, light.edge_v].map(|v| Vec3::from(v).as_dvec3());
-    match light.kind {
-        LIGHT_SPHERE => Some(position),
-        LIGHT_QUAD => Some(position + (u + v) / 2.0),
-        LIGHT_TRIANGLE => Some(position + (u + v) / 3.0),
-        _ => None,
-    }
 }
 
 impl Grid {
