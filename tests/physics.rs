@@ -106,6 +106,9 @@ mod dual {
         fn select_less(a: Dual, b: Dual, t: Dual, f: Dual) -> Dual {
             if a.0 < b.0 { t } else { f }
         }
+        fn held(self) -> Dual {
+            Dual(self.0, 0.0)
+        }
     }
 }
 

@@ -369,7 +369,8 @@ impl Reader<'_> {
         let hole = (charge == 0.0).then_some(Hole { mass, spin, axis, isotropic: false });
         // Asymptotes are straight in this chart up to (M / r)^2.
         let extent = Extent::Field { center: self.origin, strength: 0.0, scale: 2.0 * mass };
-        let global = [mass, spin, charge].into_iter().chain(axis.to_array()).collect();
+        let horizon = mass + (mass * mass - spin * spin - charge * charge).max(0.0).sqrt();
+        let global = [mass, spin, charge, horizon].into_iter().chain((axis * spin).to_array()).collect();
         Ok(Spacetime { model: ModelKind::KerrNewman, global, extent, hole, ..base })
     }
 

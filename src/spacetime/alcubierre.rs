@@ -5,7 +5,7 @@
 //! at rest in the bubble, outside (f = 0) at rest in the world it flies through. The wall is as thin as 1/s with nothing to see on
 //! either side, so steps are bounded by the distance to it.
 
-use super::{Metric, Scalar, Vec3, parameters};
+use super::{Metric, Scalar, Scaled, Vec3, parameters};
 
 /// The warp bubble.
 pub struct Alcubierre;
@@ -30,11 +30,11 @@ const WALL: f64 = 4.0;
 impl Metric for Alcubierre {
     type Global<S: Scalar> = Bubble<S>;
 
-    fn shift<S: Scalar>(bubble: &Bubble<S>, x: Vec3<S>, _: [S; 3]) -> Vec3<S> {
+    fn shift<S: Scalar>(bubble: &Bubble<S>, x: Vec3<S>, _: [S; 3]) -> Scaled<S> {
         let r = x.length_or_zero();
         let norm = (bubble.sigma * bubble.radius).tanh() * S::constant(2.0);
         let f = ((bubble.sigma * (r + bubble.radius)).tanh() - (bubble.sigma * (r - bubble.radius)).tanh()) / norm;
-        Vec3(bubble.ux, bubble.uy, bubble.uz) * (bubble.speed * (S::constant(1.0) - f))
+        Scaled { factor: bubble.speed * (S::constant(1.0) - f), v: Vec3(bubble.ux, bubble.uy, bubble.uz) }
     }
 
     fn far_frequency<S: Scalar>(q: Vec3<S>, _: S) -> S {

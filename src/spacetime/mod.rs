@@ -30,7 +30,7 @@ pub use gravity::{PowerGravity, ThesisGravity};
 pub use grin::{Fisheye, Layered, Luneburg, Radial, layer_values};
 pub use kerr::KerrNewman;
 pub use masses::{MajumdarPapapetrou, WeakLens};
-pub use scalar::{Dyadic, Scalar, Vec3};
+pub use scalar::{Dyadic, Scalar, Scaled, Vec3};
 pub use schwarzschild::{ReissnerNordstrom, Schwarzschild};
 pub use wormhole::{Dneg, Ellis, LENSING_WIDTH};
 
@@ -132,14 +132,14 @@ pub trait Metric {
         [S::constant(0.0); 2]
     }
 
-    /// Lapse: proper time of the Eulerian observer per coordinate time.
-    fn lapse<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>, _table: [S; 3]) -> S {
+    /// Square of the lapse, the proper time of the Eulerian observer per coordinate time.
+    fn lapse_squared<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>, _table: [S; 3]) -> S {
         S::constant(1.0)
     }
 
-    /// Shift vector.
-    fn shift<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>, _table: [S; 3]) -> Vec3<S> {
-        Vec3::zero()
+    /// Shift vector. Where it is along the vector of [`Metric::inverse_metric`], rays cost less if it is stated by that vector.
+    fn shift<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>, _table: [S; 3]) -> Scaled<S> {
+        Scaled { factor: S::constant(0.0), v: Vec3::zero() }
     }
 
     /// Inverse spatial metric gamma^ij.

@@ -27,6 +27,8 @@ pub trait Scalar: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     fn max(self, other: Self) -> Self;
     /// `then` where `a < b`, `otherwise` elsewhere; both are evaluated.
     fn select_less(a: Self, b: Self, then: Self, otherwise: Self) -> Self;
+    /// The same number, which differentiation takes for a constant.
+    fn held(self) -> Self;
 
     /// Hyperbolic tangent; saturated beyond 20, where it is 1 in double precision.
     fn tanh(self) -> Self {
@@ -75,6 +77,9 @@ impl Scalar for f64 {
     fn select_less(a: Self, b: Self, then: Self, otherwise: Self) -> Self {
         if a < b { then } else { otherwise }
     }
+    fn held(self) -> Self {
+        self
+    }
 }
 
 /// A point or a vector over [`Scalar`].
@@ -107,6 +112,26 @@ impl<S: Scalar> Vec3<S> {
     }
 }
 
+/// The vector factor * v, whose product with another goes through v alone.
+#[derive(Clone, Copy, Debug)]
+pub struct Scaled<S> {
+    /// The factor.
+    pub factor: S,
+    /// The vector.
+    pub v: Vec3<S>,
+}
+
+impl<S: Scalar> Scaled<S> {
+    /// Scalar product.
+    pub fn dot(self, other: Vec3<S>) -> S {
+        self.factor * self.v.dot(other)
+    }
+    /// The vector it is.
+    pub fn vector(self) -> Vec3<S> {
+        self.v * self.factor
+    }
+}
+
 /// The symmetric matrix diagonal * identity + factor * v v^T: every spatial metric here has this form.
 #[derive(Clone, Copy, Debug)]
 pub struct Dyadic<S> {
@@ -126,6 +151,10 @@ impl<S: Scalar> Dyadic<S> {
     /// Matrix times vector.
     pub fn times(self, x: Vec3<S>) -> Vec3<S> {
         x * self.diagonal + self.v * (self.factor * self.v.dot(x))
+    }
+    /// Vector times matrix times vector.
+    pub fn squared(self, x: Vec3<S>) -> S {
+        self.diagonal * x.dot(x) + self.factor * self.v.dot(x).square()
     }
     /// The symmetric root of a positive definite matrix.
     pub fn root(self) -> Self {

@@ -199,10 +199,7 @@ fn field_radius(spacetime: &Spacetime) -> (f64, bool) {
     match spacetime.model {
         ModelKind::Schwarzschild => (0.5 * value(0), true),
         ModelKind::ReissnerNordstrom => (0.5 * root(value(0).powi(2) - value(1).powi(2)), true),
-        ModelKind::KerrNewman => {
-            let (mass, spin, charge) = (value(0), value(1), value(2));
-            ((mass + root(mass * mass - spin * spin - charge * charge)).hypot(spin), true)
-        }
+        ModelKind::KerrNewman => (value(3).hypot(value(1)), true),
         ModelKind::Ellis | ModelKind::Dneg => (spacetime.throat, false),
         ModelKind::Alcubierre | ModelKind::Fisheye => (value(1), false),
         ModelKind::Luneburg | ModelKind::DustDisc => (value(0), false),

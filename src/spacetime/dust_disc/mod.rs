@@ -8,7 +8,7 @@
 pub mod solve;
 pub mod table;
 
-use super::{Dyadic, Metric, Scalar, Vec3, parameters};
+use super::{Dyadic, Metric, Scalar, Scaled, Vec3, parameters};
 
 /// The disc of dust.
 pub struct DustDisc;
@@ -64,13 +64,13 @@ impl Metric for DustDisc {
         [xi / (S::constant(1.0) + xi), eta]
     }
 
-    fn lapse<S: Scalar>(disc: &DustParameters<S>, x: Vec3<S>, table: [S; 3]) -> S {
-        disc.functions(disc.spheroidal(x).0, table).0.exp()
+    fn lapse_squared<S: Scalar>(disc: &DustParameters<S>, x: Vec3<S>, table: [S; 3]) -> S {
+        (disc.functions(disc.spheroidal(x).0, table).0 * S::constant(2.0)).exp()
     }
 
-    fn shift<S: Scalar>(disc: &DustParameters<S>, x: Vec3<S>, table: [S; 3]) -> Vec3<S> {
+    fn shift<S: Scalar>(disc: &DustParameters<S>, x: Vec3<S>, table: [S; 3]) -> Scaled<S> {
         let omega = disc.functions(disc.spheroidal(x).0, table).1 / disc.radius;
-        disc.axis().cross(x) * -omega
+        Scaled { factor: -omega, v: disc.axis().cross(x) }
     }
 
     fn inverse_metric<S: Scalar>(disc: &DustParameters<S>, x: Vec3<S>, table: [S; 3]) -> Dyadic<S> {

@@ -20,7 +20,7 @@ pub fn gradient<const N: usize>(output: Expr, inputs: [Expr; N]) -> [Expr; N] {
             adjoints.insert(to, sum);
         };
         match expr.node() {
-            Node::Constant(_) | Node::Input(_) => {}
+            Node::Constant(_) | Node::Input(_) | Node::Held(_) => {}
             Node::Add(a, b) => {
                 give(a, adjoint);
                 give(b, adjoint);
@@ -29,6 +29,7 @@ pub fn gradient<const N: usize>(output: Expr, inputs: [Expr; N]) -> [Expr; N] {
                 give(a, adjoint);
                 give(b, -adjoint);
             }
+            Node::Mul(a, b) if a == b => give(a, adjoint * Expr::constant(2.0) * a),
             Node::Mul(a, b) => {
                 give(a, adjoint * b);
                 give(b, adjoint * a);

@@ -71,7 +71,7 @@ impl Dialect {
 /// A product used once inside a sum becomes one fused multiply-add, and what is divided by more than once is inverted once. Local names
 /// start with `prefix`.
 pub fn statements(dialect: Dialect, prefix: &str, outputs: &[Expr]) -> (String, Vec<String>) {
-    let outputs = &share_reciprocals(outputs);
+    let outputs = &share_reciprocals(&release(outputs));
     let order = reachable(outputs);
     let uses = count_uses(&order, outputs);
     let fused = |e: Expr| matches!(e.node(), Node::Mul(..)) && uses[&e] == 1;
@@ -125,6 +125,8 @@ pub fn statements(dialect: Dialect, prefix: &str, outputs: &[Expr]) -> (String, 
             },
             Node::Mul(a, b) => format!("{} * {}", name(a), name(b)),
             Node::Div(a, b) => format!("{} / {}", name(a), name(b)),
+            // None is left.
+            Node::Held(a) => name(a),
             Node::Neg(a) => format!("-{}", name(a)),
             Node::Sqrt(a) => dialect.unary("sqrt", &name(a)),
             Node::Exp(a) => dialect.unary("exp", &name(a)),
@@ -145,27 +147,40 @@ pub fn statements(dialect: Dialect, prefix: &str, outputs: &[Expr]) -> (String, 
     (code, results)
 }
 
+/// The same formulas without what only differentiation reads.
+fn release(outputs: &[Expr]) -> Vec<Expr> {
+    rebuild(outputs, |node, at| if let Node::Held(a) = node { Some(at(a)) } else { None })
+}
+
 /// The same formulas with one reciprocal in place of all divisions by a number that more than one of them divide by: registers are
 /// divided ten times as slowly as they are multiplied.
 fn share_reciprocals(outputs: &[Expr]) -> Vec<Expr> {
-    let order = reachable(outputs);
     let mut divisions: HashMap<Expr, u32> = HashMap::new();
-    for expr in &order {
+    for expr in reachable(outputs) {
         if let Node::Div(_, b) = expr.node() {
             *divisions.entry(b).or_default() += 1;
         }
     }
-    let mut shared: HashMap<Expr, Expr> = HashMap::new();
-    for &expr in &order {
-        let at = |e: Expr| shared[&e];
-        let value = match expr.node() {
+    rebuild(outputs, |node, at| match node {
+        Node::Div(a, b) if divisions[&b] > 1 => Some(at(a) * (Expr::constant(1.0) / at(b))),
+        _ => None,
+    })
+}
+
+/// The same formulas, with what `change` puts in place of their nodes; it finds what has become of their operands by the function it is
+/// handed.
+fn rebuild(outputs: &[Expr], change: impl Fn(Node, &dyn Fn(Expr) -> Expr) -> Option<Expr>) -> Vec<Expr> {
+    let mut rebuilt: HashMap<Expr, Expr> = HashMap::new();
+    for expr in reachable(outputs) {
+        let at = |e: Expr| rebuilt[&e];
+        let value = change(expr.node(), &at).unwrap_or_else(|| match expr.node() {
             Node::Constant(_) | Node::Input(_) => expr,
-            Node::Div(a, b) if divisions[&b] > 1 => at(a) * (Expr::constant(1.0) / at(b)),
-            Node::Div(a, b) => at(a) / at(b),
             Node::Add(a, b) => at(a) + at(b),
             Node::Sub(a, b) => at(a) - at(b),
             Node::Mul(a, b) => at(a) * at(b),
+            Node::Div(a, b) => at(a) / at(b),
             Node::Neg(a) => -at(a),
+            Node::Held(a) => at(a).held(),
             Node::Sqrt(a) => at(a).sqrt(),
             Node::Exp(a) => at(a).exp(),
             Node::Ln(a) => at(a).ln(),
@@ -175,10 +190,10 @@ fn share_reciprocals(outputs: &[Expr]) -> Vec<Expr> {
             Node::Min(a, b) => Scalar::min(at(a), at(b)),
             Node::Max(a, b) => Scalar::max(at(a), at(b)),
             Node::SelectLess(a, b, t, f) => Expr::select_less(at(a), at(b), at(t), at(f)),
-        };
-        shared.insert(expr, value);
+        });
+        rebuilt.insert(expr, value);
     }
-    outputs.iter().map(|e| shared[e]).collect()
+    outputs.iter().map(|e| rebuilt[e]).collect()
 }
 
 /// Whether any of `outputs` reads the input `name`.
@@ -194,7 +209,7 @@ fn fuse(dialect: Dialect, names: &HashMap<Expr, String>, product: Expr, addend: 
 fn operands(expr: Expr) -> Vec<Expr> {
     match expr.node() {
         Node::Constant(_) | Node::Input(_) => vec![],
-        Node::Neg(a) | Node::Sqrt(a) | Node::Exp(a) | Node::Ln(a) | Node::Sin(a) | Node::Cos(a) | Node::Atan(a) => vec![a],
+        Node::Held(a) | Node::Neg(a) | Node::Sqrt(a) | Node::Exp(a) | Node::Ln(a) | Node::Sin(a) | Node::Cos(a) | Node::Atan(a) => vec![a],
         Node::Add(a, b) | Node::Sub(a, b) | Node::Mul(a, b) | Node::Div(a, b) | Node::Min(a, b) | Node::Max(a, b) => {
             vec![a, b]
         }

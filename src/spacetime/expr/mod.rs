@@ -24,6 +24,8 @@ pub(crate) enum Node {
     Mul(Expr, Expr),
     Div(Expr, Expr),
     Neg(Expr),
+    /// The same value, a constant to [`gradient`].
+    Held(Expr),
     Sqrt(Expr),
     Exp(Expr),
     Ln(Expr),
@@ -69,6 +71,27 @@ impl Expr {
 
     pub(crate) fn node(self) -> Node {
         ARENA.with_borrow(|arena| arena.nodes[self.0 as usize])
+    }
+
+    /// A constant times a formula that is none; two constant factors become one.
+    fn scaled(self, factor: f64) -> Expr {
+        match (factor, self.node()) {
+            (0.0, _) => Expr::constant(0.0),
+            (1.0, _) => self,
+            (-1.0, _) => -self,
+            (_, Node::Neg(a)) => -a.scaled(factor),
+            (_, Node::Mul(a, b)) => match (a.value(), b.value()) {
+                (Some(c), _) => b.scaled(c * factor),
+                (_, Some(c)) => a.scaled(c * factor),
+                _ => self.product(Expr::constant(factor)),
+            },
+            _ => self.product(Expr::constant(factor)),
+        }
+    }
+
+    fn product(self, other: Expr) -> Expr {
+        let (a, b) = ordered(self, other);
+        Expr::intern(Node::Mul(a, b))
     }
 
     fn value(self) -> Option<f64> {
@@ -124,18 +147,12 @@ impl Mul for Expr {
     fn mul(self, other: Expr) -> Expr {
         match (self.value(), other.value()) {
             (Some(a), Some(b)) => Expr::constant(a * b),
-            (Some(0.0), _) | (_, Some(0.0)) => Expr::constant(0.0),
-            (Some(1.0), _) => other,
-            (_, Some(1.0)) => self,
-            (Some(-1.0), _) => -other,
-            (_, Some(-1.0)) => -self,
+            (Some(factor), _) => other.scaled(factor),
+            (_, Some(factor)) => self.scaled(factor),
             _ => match (self.node(), other.node()) {
                 (Node::Neg(a), _) => -(a * other),
                 (_, Node::Neg(b)) => -(self * b),
-                _ => {
-                    let (a, b) = ordered(self, other);
-                    Expr::intern(Node::Mul(a, b))
-                }
+                _ => self.product(other),
             },
         }
     }
@@ -233,5 +250,8 @@ impl Scalar for Expr {
             }
             _ => Expr::intern(Node::SelectLess(a, b, then, otherwise)),
         }
+    }
+    fn held(self) -> Expr {
+        Expr::intern(Node::Held(self))
     }
 }

@@ -147,11 +147,14 @@ impl ModelFormulas {
         let (x, q, d) = (vector(["x", "y", "z"]), vector(["px", "py", "pz"]), vector(["dx", "dy", "dz"]));
         let [energy, sense, frequency] = ["energy", "sense", "frequency"].map(Expr::input);
         let table = TABLE_ENTRIES.map(Expr::input);
-        let (lapse, shift, inverse) = (M::lapse(&global, x, table), M::shift(&global, x, table), M::inverse_metric(&global, x, table));
+        let (shift, inverse) = (M::shift(&global, x, table), M::inverse_metric(&global, x, table));
+        let lapse_squared = M::lapse_squared(&global, x, table);
+        let lapse = lapse_squared.sqrt();
         let table_point = M::HAS_TABLE.then(|| M::table_point(&global, x));
 
-        let measured = inverse.times(q).dot(q).sqrt();
-        let hamiltonian = lapse * measured - sense * shift.dot(q);
+        let squared = inverse.squared(q);
+        let measured = squared.sqrt();
+        let hamiltonian = (lapse_squared * squared).sqrt() - sense * shift.dot(q);
         let [hx, hy, hz, vx, vy, vz] = gradient(hamiltonian, [x.0, x.1, x.2, q.0, q.1, q.2]);
         let [hx, hy, hz] = through_table(hamiltonian, table, table_point, x, [hx, hy, hz]);
         // L q in the local frame, L the symmetric root of gamma^ij; its inverse turns a unit direction into a momentum of frequency 1.
@@ -160,7 +163,7 @@ impl ModelFormulas {
         let launched = root.inverse().times(d);
         // Velocity of matter against the Eulerian observer, L^-1 (w + shift), in units of the lapse.
         let w = vector(["wx", "wy", "wz"]);
-        let moved = w + shift;
+        let moved = w + shift.vector();
         let against = root.inverse().times(moved);
         let functions = vec![
             no_index_gradient(),
@@ -185,7 +188,7 @@ impl ModelFormulas {
                 ],
             },
             frame_function(root.entries()),
-            matter_function(Expr::constant(1.0) / (lapse.square() - against.dot(against)).sqrt(), w),
+            matter_function(Expr::constant(1.0) / (lapse_squared - against.dot(against)).sqrt(), w),
             Function { name: "far_frequency", arguments: FAR, results: vec![("frequency", vec![M::far_frequency(q, energy)])] },
             Function {
                 name: "capture_distance",
