@@ -195,7 +195,7 @@ void advance(uint slot) {
     Flight flight = rate_at(charge, ray.x, ray.p, ray.parameter);
     Flight moved = flight;
     real safe, detail;
-    safe_step(ray.x, safe, detail);
+    safe_step_of(ray.x, flight.v, safe, detail);
     if (fresh) {
         if (!fixed_step) {
             real longest = longest_first_step(flight, safe);
@@ -334,15 +334,14 @@ void advance(uint slot) {
         ray.p = moved.p;
         ray.len += piece;
         ray.parameter += ray.h;
-        real speed = sqrt(dot(flight.v, flight.v));
-        safe_step(ray.x, safe, detail);
+        safe_step_of(ray.x, flight.v, safe, detail);
         if (!fixed_step) {
             real ideal_before = ideal;
             ideal = ideal_step(ray.h, error, tolerance);
-            ray.h = min(ray.h * step_factor(margin, step_trend(ideal, ideal_before)), safe / speed);
+            ray.h = min(ray.h * step_factor(margin, step_trend(ideal, ideal_before)), safe);
             ideal = crossing ? real(0.0) : ideal;
         } else if (METHOD == METHOD_RUNGE_KUTTA) {
-            ray.h = model_step() / speed;
+            ray.h = model_step() / length(flight.v);
         }
         bool crossed = false;
 #ifdef THROAT
@@ -351,8 +350,9 @@ void advance(uint slot) {
             crossed = true;
             invert_through(from_origin, ray.p, model_throat());
             ray.x = from_origin + model_origin();
+            real speed = length(flight.v);
             flight = rate_at(charge, ray.x, ray.p, ray.parameter);
-            ray.h *= speed / sqrt(dot(flight.v, flight.v));
+            ray.h *= speed / length(flight.v);
             ray.side ^= 1u;
             room = 0.0;
             ideal = real(0.0);

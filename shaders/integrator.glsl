@@ -116,11 +116,15 @@ real step_factor(real margin, real trend) {
     return clamp(margin * STEP_SAFETY * max(min(real(1.0), trend), STEP_SHRINK), STEP_SHRINK, STEP_GROW);
 }
 
-real longest_first_step(Flight flight, real safe_length) {
-    real speed = sqrt(dot(flight.v, flight.v));
+void safe_step_of(real3 x, real3 v, out real safe, out real detail) {
+    real slowness = real(1.0) / sqrt(dot(v, v));
+    safe_step(x, v * slowness, safe, detail);
+    safe *= slowness;
+}
+
+real longest_first_step(Flight flight, real safe) {
     real bend = max(sqrt(dot(flight.a, flight.a)), real(1e-12));
-    real radius = speed * sqrt(dot(flight.p, flight.p)) / bend;
-    return min(radius * FIRST_STEP, safe_length) / speed;
+    return min(sqrt(dot(flight.p, flight.p)) / bend * FIRST_STEP, safe);
 }
 
 real first_step(Flight flight, real3 end_force, real longest, real tolerance) {

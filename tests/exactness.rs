@@ -22,15 +22,9 @@ use support::*;
 /// Error that 99% of the rays of a scene stay below (pixels).
 const BOUND: f64 = 0.25;
 
-/// Scenes that err by more: their bounds, 1.3 to 1.5 times what was measured (pixels), and what sets them apart.
-const LOOSER: [(&str, f64, &str); 6] = [
-    ("benchmark C", 0.5, "light around a rotating hole"),
-    ("kerr", 1.4, "light around a rotating hole"),
-    ("kerr-newman", 1.9, "light around a nearly extremal hole"),
-    ("dneg", 1.6, "light around the mouth of a long throat"),
-    ("mirage", 0.55, "kinks between layers"),
-    ("rossler", 5.0, "chaos"),
-];
+/// Scenes that err by more: their bounds, 1.3 to 2 times what was measured (pixels), and what sets them apart.
+const LOOSER: [(&str, f64, &str); 3] =
+    [("dneg", 0.6, "kinks at the ends of a long throat"), ("mirage", 0.55, "kinks between layers"), ("rossler", 5.0, "chaos")];
 
 /// Share of a scene's camera rays that may end in another way (at a surface, in the sky, in a hole) or on the other side.
 const MOST_ELSEWHERE: f64 = 0.01;

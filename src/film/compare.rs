@@ -1,13 +1,15 @@
 //! How far two films of the same samples are apart.
 
 use super::{Film, luminance};
+use crate::kernels::constants::STATUS_HIT;
 
 /// Measured difference between two films.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference {
     /// Share of pixels whose radiance differs by more than 1% of itself plus 1% of the mean.
     pub pixels: f64,
-    /// Share of pixels whose camera ray ended elsewhere: another status or object, or a distance that differs by more than 0.1%.
+    /// Share of pixels whose camera ray ended elsewhere: another status or object, or a distance to a surface that differs
+    /// by more than 0.1%. How far a ray is when it is found to have escaped, or to be captured, is a matter of its last step.
     pub rays: f64,
     /// Relative difference of the mean luminance.
     pub mean: f64,
@@ -55,7 +57,7 @@ pub fn compare(a: &Film, b: &Film) -> Difference {
         pixels += usize::from(differs);
         differences.push((light(a, i) - light(b, i)).abs() / floor);
         let (p, q) = (&a.aovs[i], &b.aovs[i]);
-        let apart = (p.distance - q.distance).abs() > 1e-3 * p.distance.max(q.distance).max(1e-3);
+        let apart = p.status == STATUS_HIT && (p.distance - q.distance).abs() > 1e-3 * p.distance.max(q.distance).max(1e-3);
         rays += usize::from(p.status != q.status || p.object != q.object || apart);
     }
     differences.sort_by(f64::total_cmp);

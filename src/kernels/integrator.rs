@@ -81,8 +81,8 @@ pub trait Model: Send + Sync + 'static {
         frequency: L,
         sense: L,
     ) -> L;
-    /// Largest coordinate length of a step, and the length by which its error is measured.
-    fn safe_step<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3]) -> (L, L);
+    /// Largest coordinate length of a step along the unit vector `direction`, and the length by which its error is measured.
+    fn safe_step<L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, position: [L; 3], direction: [L; 3]) -> (L, L);
     /// Frequency seen by matter of coordinate velocity `velocity` dx/dt.
     fn matter_frequency<L: Lane>(
         token: L::Token,
@@ -125,7 +125,7 @@ pub struct PointFunctions<T> {
     /// [`Model::index_gradient`].
     pub index_gradient: fn((), &ModelBlock<T>, [T; 3], T) -> [T; 3],
     /// [`Model::safe_step`].
-    pub safe_step: fn((), &ModelBlock<T>, [T; 3]) -> (T, T),
+    pub safe_step: fn((), &ModelBlock<T>, [T; 3], [T; 3]) -> (T, T),
 }
 
 impl<T: Lane<Real = T, Mask = bool, Token = ()>> PointFunctions<T> {
@@ -368,13 +368,27 @@ pub fn step_factor<L: Lane>(token: L::Token, margin: L, trend: L) -> L {
     (margin * L::constant(token, STEP_SAFETY) * one.min(trend).max(shrink)).max(shrink).min(grow)
 }
 
+/// Largest step of a ray at `x` with velocity `v`, in the parameter, and the length by which its error is measured.
+#[inline(always)]
+pub fn safe_step_of<M: Model, L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, x: [L; 3], v: [L; 3]) -> (L, L) {
+    let slowness = L::constant(token, 1.0) / dot(v, v).sqrt();
+    let (length, detail) = M::safe_step::<L>(
+        token,
+        model,
+        x,
+        v.map(
+            #[inline(always)]
+            |c| c * slowness,
+        ),
+    );
+    (length * slowness, detail)
+}
+
 /// Longest first step that is worth a try: the safe step, or a share of the local radius of curvature, |v| |p| / |force|.
 #[inline(always)]
 pub fn longest_first_step<L: Lane>(token: L::Token, flight: &Flight<L>, safe_step: L) -> L {
-    let speed = dot(flight.v, flight.v).sqrt();
     let bend = dot(flight.a, flight.a).sqrt().max(L::constant(token, 1e-12));
-    let radius = speed * dot(flight.p, flight.p).sqrt() / bend;
-    (radius * L::constant(token, FIRST_STEP)).min(safe_step) / speed
+    (dot(flight.p, flight.p).sqrt() / bend * L::constant(token, FIRST_STEP)).min(safe_step)
 }
 
 /// First step: `longest`, or shorter if the force changes much along it, from `flight.a` to `end_force`. The error of a step is about

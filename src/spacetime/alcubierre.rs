@@ -41,7 +41,7 @@ impl Metric for Alcubierre {
         q.length()
     }
 
-    fn safe_step<S: Scalar>(bubble: &Bubble<S>, x: Vec3<S>) -> S {
+    fn safe_step<S: Scalar>(bubble: &Bubble<S>, x: Vec3<S>, _: Vec3<S>) -> S {
         let from_wall = x.length_or_zero() - bubble.radius;
         let width = S::constant(1.0) / bubble.sigma;
         (from_wall.max(-from_wall) - width * S::constant(WALL)).max(S::constant(0.0)) + width * S::constant(0.5)

@@ -9,7 +9,7 @@
 //!
 //! Every source is a segment P + t u, t in [low, high]: a center has low = high = 0, an infinite line none.
 
-use super::{Medium, NoParameters, Scalar, Vec3, parameters};
+use super::{Medium, NoParameters, Scalar, Vec3, parameters, step_past_center};
 
 /// `law = "thesis"`: a constant force with falloff.
 pub struct ThesisGravity;
@@ -55,21 +55,22 @@ parameters! {
 /// Rays are captured where a source's index has grown to this many times the launch speed.
 pub const CAPTURE_INDEX: f64 = 100.0;
 
-/// Distance from `x` to the segment p + t u, low <= t <= high (`u` of length 1).
-fn segment_distance<S: Scalar>(x: Vec3<S>, p: Vec3<S>, u: Vec3<S>, low: S, high: S) -> S {
+/// To `x` from the nearest point of the segment p + t u, low <= t <= high (`u` of length 1).
+fn from_segment<S: Scalar>(x: Vec3<S>, p: Vec3<S>, u: Vec3<S>, low: S, high: S) -> Vec3<S> {
     let from_point = x - p;
     let along = from_point.dot(u).max(low).min(high);
-    (from_point - u * along).length_or_zero()
+    from_point - u * along
 }
 
 /// A step that cannot jump over the ball (or tube) of a source: the distance to it, plus a share of the depth inside.
-fn step_past_source<S: Scalar>(distance: S, radius: S, core: S) -> S {
-    (distance - radius).max(S::constant(0.0)) + distance.min(radius).max(core) * S::constant(0.3)
+fn step_past_source<S: Scalar>(from_source: Vec3<S>, d: Vec3<S>, radius: S, core: S) -> S {
+    let distance = from_source.length_or_zero();
+    (distance - radius).max(S::constant(0.0)) + step_past_center(from_source, distance.min(radius).max(core), d, 0.3)
 }
 
-macro_rules! distance_to {
+macro_rules! from_source {
     ($source:expr, $x:expr) => {
-        segment_distance($x, Vec3($source.px, $source.py, $source.pz), Vec3($source.ux, $source.uy, $source.uz), $source.low, $source.high)
+        from_segment($x, Vec3($source.px, $source.py, $source.pz), Vec3($source.ux, $source.uy, $source.uz), $source.low, $source.high)
     };
 }
 
@@ -78,7 +79,7 @@ impl Medium for ThesisGravity {
     type Source<S: Scalar> = ThesisSource<S>;
 
     fn source_potential<S: Scalar>(source: &ThesisSource<S>, x: Vec3<S>) -> S {
-        let r = distance_to!(source, x).min(source.radius);
+        let r = from_source!(source, x).length_or_zero().min(source.radius);
         ((source.c4 * r + source.c3) * r * r + source.c1) * r + source.c0
     }
 
@@ -90,8 +91,8 @@ impl Medium for ThesisGravity {
         speed + potential
     }
 
-    fn source_safe_step<S: Scalar>(source: &ThesisSource<S>, x: Vec3<S>) -> S {
-        step_past_source(distance_to!(source, x), source.radius, source.core)
+    fn source_safe_step<S: Scalar>(source: &ThesisSource<S>, x: Vec3<S>, d: Vec3<S>) -> S {
+        step_past_source(from_source!(source, x), d, source.radius, source.core)
     }
 }
 
@@ -100,7 +101,7 @@ impl Medium for PowerGravity {
     type Source<S: Scalar> = PowerSource<S>;
 
     fn source_potential<S: Scalar>(source: &PowerSource<S>, x: Vec3<S>) -> S {
-        let log_r = distance_to!(source, x).min(source.radius).max(S::constant(1e-15)).ln();
+        let log_r = from_source!(source, x).length_or_zero().min(source.radius).max(S::constant(1e-15)).ln();
         source.c0
             + source.cl * log_r
             + source.c1 * (source.e1 * log_r).exp()
@@ -120,8 +121,8 @@ impl Medium for PowerGravity {
         potential + S::constant(CAPTURE_INDEX)
     }
 
-    fn source_safe_step<S: Scalar>(source: &PowerSource<S>, x: Vec3<S>) -> S {
-        step_past_source(distance_to!(source, x), source.radius, source.core)
+    fn source_safe_step<S: Scalar>(source: &PowerSource<S>, x: Vec3<S>, d: Vec3<S>) -> S {
+        step_past_source(from_source!(source, x), d, source.radius, source.core)
     }
 }
 

@@ -73,7 +73,7 @@ impl Medium for Fisheye {
         lens.n0 / (S::constant(1.0) + x.dot(x) / lens.radius.square())
     }
 
-    fn safe_step<S: Scalar>(lens: &FisheyeLens<S>, x: Vec3<S>) -> S {
+    fn safe_step<S: Scalar>(lens: &FisheyeLens<S>, x: Vec3<S>, _: Vec3<S>) -> S {
         (x.dot(x) + lens.radius.square()).sqrt() * S::constant(0.5)
     }
 }
@@ -86,7 +86,7 @@ impl Medium for Luneburg {
         (S::constant(2.0) - x.dot(x) / lens.radius.square()).max(S::constant(1.0)).sqrt()
     }
 
-    fn safe_step<S: Scalar>(lens: &LuneburgLens<S>, _: Vec3<S>) -> S {
+    fn safe_step<S: Scalar>(lens: &LuneburgLens<S>, _: Vec3<S>, _: Vec3<S>) -> S {
         lens.radius * S::constant(0.3)
     }
 }
@@ -100,7 +100,7 @@ impl Medium for Radial {
         (((p.c4 * t + p.c3) * t + p.c2) * t + p.c1) * t + p.c0
     }
 
-    fn safe_step<S: Scalar>(p: &RadialProfile<S>, x: Vec3<S>) -> S {
+    fn safe_step<S: Scalar>(p: &RadialProfile<S>, x: Vec3<S>, _: Vec3<S>) -> S {
         (x.length_or_zero() - p.radius).max(S::constant(0.0)) + p.radius * S::constant(0.3)
     }
 }
@@ -124,7 +124,7 @@ impl Medium for Layered {
         frame.base + potential
     }
 
-    fn source_safe_step<S: Scalar>(layer: &Layer<S>, x: Vec3<S>) -> S {
+    fn source_safe_step<S: Scalar>(layer: &Layer<S>, x: Vec3<S>, _: Vec3<S>) -> S {
         let height = x.dot(Vec3(layer.nx, layer.ny, layer.nz));
         let outside = (layer.low - height).max(height - layer.high).max(S::constant(0.0));
         // Rays go nearly along the layers: a step may be many thicknesses long before it leaves one.

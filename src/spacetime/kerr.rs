@@ -7,7 +7,7 @@
 //! A photon followed into its future is captured at r = M + sqrt(M^2 - a^2 - Q^2). One followed into its past never crosses the
 //! horizon inward in this chart: it is captured when its frequency has grown a thousandfold, which happens there only.
 
-use super::{Dyadic, Metric, Scalar, Scaled, Vec3, parameters};
+use super::{Dyadic, Metric, Scalar, Scaled, Vec3, parameters, step_past_center};
 
 /// The rotating, charged hole.
 pub struct KerrNewman;
@@ -97,12 +97,12 @@ impl Metric for KerrNewman {
 
     fn capture_distance<S: Scalar>(hole: &SpinningHole<S>, x: Vec3<S>, blueshift: S, sense: S) -> S {
         let r = hole.spheroidal(x).r;
-                let past = (S::constant(CAPTURE_BLUESHIFT) - blueshift).min(r - hole.horizon * S::constant(SINGULARITY));
+        let past = (S::constant(CAPTURE_BLUESHIFT) - blueshift).min(r - hole.horizon * S::constant(SINGULARITY));
         S::select_less(sense, S::constant(0.0), past, r - hole.horizon)
     }
 
-    fn safe_step<S: Scalar>(hole: &SpinningHole<S>, x: Vec3<S>) -> S {
-        hole.spheroidal(x).r * S::constant(0.7)
+    fn safe_step<S: Scalar>(hole: &SpinningHole<S>, x: Vec3<S>, d: Vec3<S>) -> S {
+        step_past_center(x, hole.spheroidal(x).r, d, 0.5)
     }
 
     fn detail<S: Scalar>(hole: &SpinningHole<S>, x: Vec3<S>) -> S {

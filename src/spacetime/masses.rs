@@ -3,7 +3,7 @@
 //! Majumdar and Papapetrou: ds^2 = -U^-2 dt^2 + U^2 dx.dx with U = 1 + sum m / r, holes in balance because each carries a charge equal
 //! to its mass; light sees n = U^2. Weak fields: n = 1 + 2 sum m / r, the first order of general relativity in m / r.
 
-use super::{Medium, NoParameters, Scalar, Vec3, parameters};
+use super::{Medium, NoParameters, Scalar, Vec3, parameters, step_past_center};
 
 /// Extremal holes in balance.
 pub struct MajumdarPapapetrou;
@@ -23,13 +23,19 @@ parameters! {
 /// Rays are captured where the sum of m / r has grown to this.
 const CAPTURE_POTENTIAL: f64 = 100.0;
 
-/// Largest step as a share of the distance to a mass. A ray that falls towards one gathers speed as r^-2 and would be there after a
+/// Largest step towards a mass as a share of the distance to it. A ray that falls towards one gathers speed as r^-2 and would be there after a
 /// third of the distance at its present speed.
 const FALL: f64 = 0.25;
 
 impl<S: Scalar> PointMass<S> {
     fn distance(&self, x: Vec3<S>) -> S {
-        (x - Vec3(self.px, self.py, self.pz)).length_or_zero()
+        self.offset(x).length_or_zero()
+    }
+    fn offset(&self, x: Vec3<S>) -> Vec3<S> {
+        x - Vec3(self.px, self.py, self.pz)
+    }
+    fn safe_step(&self, x: Vec3<S>, d: Vec3<S>) -> S {
+        step_past_center(self.offset(x), self.distance(x), d, FALL)
     }
 }
 
@@ -53,8 +59,8 @@ impl Medium for MajumdarPapapetrou {
         S::constant(CAPTURE_POTENTIAL) - potential
     }
 
-    fn source_safe_step<S: Scalar>(source: &PointMass<S>, x: Vec3<S>) -> S {
-        source.distance(x) * S::constant(FALL)
+    fn source_safe_step<S: Scalar>(source: &PointMass<S>, x: Vec3<S>, d: Vec3<S>) -> S {
+        source.safe_step(x, d)
     }
 }
 
@@ -79,7 +85,7 @@ impl Medium for WeakLens {
         S::constant(CAPTURE_POTENTIAL) - potential
     }
 
-    fn source_safe_step<S: Scalar>(source: &PointMass<S>, x: Vec3<S>) -> S {
-        source.distance(x) * S::constant(FALL)
+    fn source_safe_step<S: Scalar>(source: &PointMass<S>, x: Vec3<S>, d: Vec3<S>) -> S {
+        source.safe_step(x, d)
     }
 }

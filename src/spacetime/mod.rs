@@ -104,13 +104,13 @@ pub trait Medium {
         S::constant(1.0)
     }
 
-    /// Largest coordinate length of one integration step from `x`.
-    fn safe_step<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>) -> S {
+    /// Largest coordinate length of one integration step from `x` along the unit vector `d`; along zero, that of one in any direction.
+    fn safe_step<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>, _d: Vec3<S>) -> S {
         S::constant(UNBOUNDED_STEP)
     }
 
-    /// Largest step that one source allows at `x`.
-    fn source_safe_step<S: Scalar>(_source: &Self::Source<S>, _x: Vec3<S>) -> S {
+    /// Largest step that one source allows at `x` along `d`.
+    fn source_safe_step<S: Scalar>(_source: &Self::Source<S>, _x: Vec3<S>, _d: Vec3<S>) -> S {
         S::constant(UNBOUNDED_STEP)
     }
 }
@@ -162,14 +162,14 @@ pub trait Metric {
         S::constant(1.0)
     }
 
-    /// Largest coordinate length of one integration step from `x`.
-    fn safe_step<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>) -> S {
+    /// Largest coordinate length of one integration step from `x` along the unit vector `d`; along zero, that of one in any direction.
+    fn safe_step<S: Scalar>(_global: &Self::Global<S>, _x: Vec3<S>, _d: Vec3<S>) -> S {
         S::constant(UNBOUNDED_STEP)
     }
 
     /// Length over which the way of rays changes at `x`, of which the error of a step is but a small share. Steps themselves may be longer.
     fn detail<S: Scalar>(global: &Self::Global<S>, x: Vec3<S>) -> S {
-        Self::safe_step(global, x)
+        Self::safe_step(global, x, Vec3::zero())
     }
 }
 
@@ -197,6 +197,15 @@ pub enum Class {
     /// [`Flow`].
     Flow,
 }
+
+/// Longest step along the unit vector `d` from `x`, `r` away from a center where light bends on the scale of that distance: a share
+/// `towards` of it, and more for rays that go away. A pair of methods is blind to the errors of steps that end much nearer to the center.
+pub(crate) fn step_past_center<S: Scalar>(x: Vec3<S>, r: S, d: Vec3<S>, towards: f64) -> S {
+    r * S::constant(towards) + x.dot(d).max(S::constant(0.0)) * S::constant(AWAY)
+}
+
+/// Share of the distance by which steps that go straight away from a center are longer than those towards it.
+const AWAY: f64 = 1.4;
 
 /// A step length no scene reaches.
 pub const UNBOUNDED_STEP: f64 = 1e12;

@@ -5,7 +5,7 @@
 //! Space is conformally flat in this chart, so coordinate angles are the angles a static observer measures. The horizon is at
 //! rho = sqrt(M^2 - Q^2) / 2; without charge the photon sphere is at rho = (2 + sqrt 3) M / 2.
 
-use super::{Medium, NoParameters, Scalar, Vec3, parameters};
+use super::{Medium, NoParameters, Scalar, Vec3, parameters, step_past_center};
 
 /// Schwarzschild's vacuum as an optical medium.
 pub struct Schwarzschild;
@@ -53,8 +53,8 @@ impl Medium for Schwarzschild {
         x.length() - hole.mass * S::constant(0.5 * CAPTURE_RADIUS)
     }
 
-    fn safe_step<S: Scalar>(_: &Hole<S>, x: Vec3<S>) -> S {
-        x.length() * S::constant(0.7)
+    fn safe_step<S: Scalar>(_: &Hole<S>, x: Vec3<S>, d: Vec3<S>) -> S {
+        step_past_center(x, x.length(), d, 0.7)
     }
 }
 
@@ -89,8 +89,8 @@ impl Medium for ReissnerNordstrom {
         x.length() - horizon2.sqrt() * S::constant(0.5 * CAPTURE_RADIUS)
     }
 
-    fn safe_step<S: Scalar>(_: &ChargedHole<S>, x: Vec3<S>) -> S {
+    fn safe_step<S: Scalar>(_: &ChargedHole<S>, x: Vec3<S>, d: Vec3<S>) -> S {
         // An extremal hole's index grows as r^-2: at its present speed a ray is at the center after a third of the distance.
-        x.length() * S::constant(0.25)
+        step_past_center(x, x.length(), d, 0.25)
     }
 }

@@ -5,7 +5,7 @@
 //! other side, in the same chart. Ellis' r^2 = l^2 + b^2 makes space conformally flat with index 1 + b^2 / (4 rho^2).
 //! James': r = b for |l| < a, else b + m (x atan x - ln(1 + x^2) / 2) with x = 2 (|l| - a) / (pi m); the lensing width is W = 1.42953 m.
 
-use super::{Dyadic, Medium, Metric, NoParameters, Scalar, Vec3, parameters};
+use super::{Dyadic, Medium, Metric, NoParameters, Scalar, Vec3, parameters, step_past_center};
 
 /// Ellis' wormhole.
 pub struct Ellis;
@@ -43,8 +43,8 @@ impl Medium for Ellis {
         S::constant(1.0) + throat.radius.square() * S::constant(0.25) / x.dot(x)
     }
 
-    fn safe_step<S: Scalar>(_: &Throat<S>, x: Vec3<S>) -> S {
-        x.length() * S::constant(0.7)
+    fn safe_step<S: Scalar>(_: &Throat<S>, x: Vec3<S>, d: Vec3<S>) -> S {
+        step_past_center(x, x.length(), d, 0.7)
     }
 }
 
@@ -66,11 +66,11 @@ impl Metric for Dneg {
         Dyadic { diagonal: across, factor: (along - across) / rho2, v: x }
     }
 
-    fn safe_step<S: Scalar>(throat: &LongThroat<S>, x: Vec3<S>) -> S {
+    fn safe_step<S: Scalar>(throat: &LongThroat<S>, x: Vec3<S>, d: Vec3<S>) -> S {
         let rho2 = x.dot(x);
         let l = rho2.sqrt() * (S::constant(1.0) - throat.radius.square() * S::constant(0.25) / rho2);
         let beyond = (l.max(-l) - throat.half_length).max(S::constant(0.0));
         // The profile bends on the scale of the lensing width.
-        beyond * S::constant(0.5) + (throat.mass + throat.half_length) * S::constant(0.5)
+        step_past_center(x, beyond + throat.mass + throat.half_length, d, 0.3)
     }
 }

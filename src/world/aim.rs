@@ -252,7 +252,8 @@ impl Source<'_> {
                 (DVec3::from(v), DVec3::from(a))
             };
             let (v1, a1) = rate(x, p, parameter);
-            let step = (CELL_SHARE * cell).min(SAFE_SHARE * (functions.safe_step)((), block, x.to_array()).0).max(LEAST_SHARE * cell);
+            let (safe, _) = (functions.safe_step)((), block, x.to_array(), v1.normalize().to_array());
+            let step = (CELL_SHARE * cell).min(SAFE_SHARE * safe).max(LEAST_SHARE * cell);
             let h = step / v1.length();
             let (v2, a2) = rate(x + v1 * (0.5 * h), p + a1 * (0.5 * h), parameter + 0.5 * h);
             let (v3, a3) = rate(x + v2 * (0.5 * h), p + a2 * (0.5 * h), parameter + 0.5 * h);

@@ -73,7 +73,7 @@ pub struct Next<T> {
     pub error: Row<T>,
     /// How far the cubics through both ends stray from the rays between.
     pub stray: Row<T>,
-    /// Coordinate lengths that the model allows the next steps.
+    /// Lengths that the model allows the next steps, in its parameter.
     pub safe: Row<T>,
     /// Lengths by which their errors are measured.
     pub detail: Row<T>,

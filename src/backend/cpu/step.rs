@@ -145,7 +145,7 @@ fn launch_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, course:
     let sense = L::load(token, &lanes.sense);
     let (p, energy, frequency) = M::launch::<L>(token, model, x, direction, L::load(token, &lanes.energy), sense);
     let (v, a) = M::rate::<L>(token, model, x, p, energy, sense, L::constant(token, 0.0));
-    let (safe, detail) = M::safe_step::<L>(token, model, x);
+    let (safe, detail) = safe_step_of::<M, L>(token, model, x, v);
     let h = if !fixed_step(scene, model) {
         let flight = Flight { x, p, v, a };
         let longest = longest_first_step(token, &flight, safe);
@@ -202,7 +202,7 @@ fn integrate_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, cour
     let frequency = L::load(token, &lanes.frequency);
     let captured = M::capture_distance::<L>(token, model, moved.x, moved.p, frequency, charge.sense).lt(L::constant(token, 0.0));
     let next = &mut lanes.next;
-    let (safe, detail) = M::safe_step::<L>(token, model, moved.x);
+    let (safe, detail) = safe_step_of::<M, L>(token, model, moved.x, moved.v);
     safe.store(&mut next.safe);
     detail.store(&mut next.detail);
     error.store(&mut next.error);
@@ -238,8 +238,8 @@ pub fn integrate_alone<T: Scalar>(course: &Course<T>, functions: &PointFunctions
         let alive = (functions.capture_distance)((), model, moved.x, moved.p, lanes.frequency[i], sense);
         captured |= u32::from(alive.to_f64() < 0.0) << i;
         let next = &mut lanes.next;
-        (next.safe[i], next.detail[i]) = (functions.safe_step)((), model, moved.x);
-        (next.error[i], next.stray[i]) = (T::from_f64(0.0), T::from_f64(0.0));
+        // Their length is given, whatever is safe.
+        (next.safe[i], next.error[i], next.stray[i]) = (T::from_f64(0.0), T::from_f64(0.0), T::from_f64(0.0));
         for axis in 0..3 {
             next.x[axis][i] = moved.x[axis];
             next.p[axis][i] = moved.p[axis];
@@ -274,13 +274,12 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
 
     // Choose the next step length, inside what the model allows at the place it starts from.
     let straight = scene.method == METHOD_EULER && course.kind.class() == Class::Medium;
-    let speed = dot(moved.v, moved.v).sqrt();
     let mut next_h = if fixed {
-        if scene.method == METHOD_RUNGE_KUTTA { L::splat(token, model.step) / speed } else { h }
+        if scene.method == METHOD_RUNGE_KUTTA { L::splat(token, model.step) / dot(moved.v, moved.v).sqrt() } else { h }
     } else {
         let trend = step_trend(token, ideal, L::load(token, &lanes.ideal));
         let proposed = h * step_factor(token, margin, L::select(good, trend, one));
-        L::select(good, proposed.min(L::load(token, &next.safe) / speed), proposed)
+        L::select(good, proposed.min(L::load(token, &next.safe)), proposed)
     };
 
     // See where the step ends.

@@ -88,7 +88,7 @@ impl Metric for DustDisc {
         Dyadic { diagonal: meridional, factor: around, v: disc.axis().cross(x) }
     }
 
-    fn safe_step<S: Scalar>(disc: &DustParameters<S>, x: Vec3<S>) -> S {
+    fn safe_step<S: Scalar>(disc: &DustParameters<S>, x: Vec3<S>, _: Vec3<S>) -> S {
         disc.radius * (disc.spheroidal(x).0 * S::constant(0.3) + S::constant(0.05))
     }
 }

@@ -28,6 +28,7 @@ const DIRECTION: Argument = Argument::Vector("direction", ["dx", "dy", "dz"]);
 const RATE: &[Argument] = &[POSITION, MOMENTUM, Argument::Number("energy"), Argument::Number("sense"), Argument::Number("parameter")];
 const LAUNCH: &[Argument] = &[POSITION, DIRECTION, Argument::Number("speed"), Argument::Number("sense")];
 const FRAME: &[Argument] = &[POSITION];
+const STEP: &[Argument] = &[POSITION, DIRECTION];
 const GRADIENT: &[Argument] = &[POSITION, Argument::Number("energy")];
 const FAR: &[Argument] = &[MOMENTUM, Argument::Number("energy")];
 const MATTER: &[Argument] =
@@ -39,6 +40,9 @@ const TABLE_ENTRIES: [&str; 3] = ["table_0", "table_1", "table_2"];
 const TABLE_BY_U: [&str; 3] = ["table_0_u", "table_1_u", "table_2_u"];
 const TABLE_BY_V: [&str; 3] = ["table_0_v", "table_1_v", "table_2_v"];
 
+/// The smallest of the steps that sources allow along the direction, and along any.
+const SOURCE_STEPS: [&str; 2] = ["source_step", "source_detail"];
+
 /// What a loop over the sources accumulates.
 enum Reduction {
     None,
@@ -46,7 +50,7 @@ enum Reduction {
     Potential {
         gradient: bool,
     },
-    /// Smallest safe step.
+    /// Smallest safe steps.
     SafeStep,
 }
 
@@ -55,7 +59,8 @@ pub struct ModelFormulas {
     global_names: &'static [&'static str],
     source_names: &'static [&'static str],
     source_potential: Expr,
-    source_safe_step: Expr,
+    /// The longest step that a source allows along the direction, and along any.
+    source_steps: [Expr; 2],
     /// Where the table is read, of a model that has one.
     table_point: Option<[Expr; 2]>,
     functions: Vec<Function>,
@@ -96,8 +101,10 @@ impl ModelFormulas {
         let chain = |direct: Expr, name| direct + by_potential * Expr::input(name);
         let slope = Vec3(chain(ix, "potential_x"), chain(iy, "potential_y"), chain(iz, "potential_z"));
         let launched = M::energy(&global, x, potential, speed);
-        let step = M::safe_step(&global, x);
-        let step = if source_names.is_empty() { step } else { Scalar::min(step, Expr::input("source_step")) };
+        let bounded = |d, by_sources| {
+            let step = M::safe_step(&global, x, d);
+            if source_names.is_empty() { step } else { Scalar::min(step, Expr::input(by_sources)) }
+        };
         let functions = vec![
             Function { name: "rate", arguments: RATE, results: vec![("velocity", components(p)), ("force", components(slope * index))] },
             Function { name: "index_gradient", arguments: GRADIENT, results: vec![("gradient", components(slope))] },
@@ -128,13 +135,13 @@ impl ModelFormulas {
                 arguments: CAPTURE,
                 results: vec![("distance", vec![M::capture_distance(&global, x, potential)])],
             },
-            safe_step_function(step, step),
+            safe_step_function(bounded(d, SOURCE_STEPS[0]), bounded(Vec3::zero(), SOURCE_STEPS[1])),
         ];
         ModelFormulas {
             global_names,
             source_names,
             source_potential: M::source_potential(&source, x),
-            source_safe_step: M::source_safe_step(&source, x),
+            source_steps: [d, Vec3::zero()].map(|d| M::source_safe_step(&source, x, d)),
             table_point: None,
             functions,
         }
@@ -195,7 +202,7 @@ impl ModelFormulas {
                 arguments: CAPTURE,
                 results: vec![("distance", vec![M::capture_distance(&global, x, measured / frequency, sense)])],
             },
-            safe_step_function(M::safe_step(&global, x), M::detail(&global, x)),
+            safe_step_function(M::safe_step(&global, x, d), M::detail(&global, x)),
         ];
         ModelFormulas { table_point, ..Self::without_sources(global_names, functions) }
     }
@@ -232,7 +239,7 @@ impl ModelFormulas {
 
     fn without_sources(global_names: &'static [&'static str], functions: Vec<Function>) -> Self {
         let zero = Expr::constant(0.0);
-        ModelFormulas { global_names, source_names: &[], source_potential: zero, source_safe_step: zero, table_point: None, functions }
+        ModelFormulas { global_names, source_names: &[], source_potential: zero, source_steps: [zero; 2], table_point: None, functions }
     }
 
     /// GLSL functions of the model; `real` and the accessors `model_*` must be in scope.
@@ -254,7 +261,7 @@ impl ModelFormulas {
                 if let Argument::Vector(name, parts) = argument {
                     for (part, component) in parts.iter().zip(["x", "y", "z"]) {
                         let origin = if *name == "position" { format!(" - model_origin().{component}") } else { String::new() };
-                        if *name == "position" || reads(&outputs, part) {
+                        if *name == "position" || reads(&outputs, part) || reads(&self.source_steps, part) {
                             let _ = writeln!(out, "    real {part} = {name}.{component}{origin};");
                         }
                     }
@@ -385,7 +392,7 @@ impl ModelFormulas {
         if self.source_names.is_empty() {
             return Reduction::None;
         }
-        if reads(outputs, "source_step") {
+        if reads(outputs, SOURCE_STEPS[0]) {
             return Reduction::SafeStep;
         }
         let gradient = reads(outputs, "potential_x");
@@ -404,7 +411,7 @@ impl ModelFormulas {
                 let [gx, gy, gz] = gradient(self.source_potential, ["x", "y", "z"].map(Expr::input));
                 (vec![self.source_potential, gx, gy, gz], vec!["potential", "potential_x", "potential_y", "potential_z"], "+")
             }
-            Reduction::SafeStep => (vec![self.source_safe_step], vec!["source_step"], "min"),
+            Reduction::SafeStep => (self.source_steps.to_vec(), SOURCE_STEPS.to_vec(), "min"),
         };
         let start = if combine == "min" { crate::spacetime::UNBOUNDED_STEP } else { 0.0 };
         for target in &targets {
@@ -448,7 +455,7 @@ fn radius_function(radius: Expr) -> Function {
 
 /// The longest step, and the length by which its error is measured.
 fn safe_step_function(length: Expr, detail: Expr) -> Function {
-    Function { name: "safe_step", arguments: FRAME, results: vec![("length", vec![length]), ("detail", vec![detail])] }
+    Function { name: "safe_step", arguments: STEP, results: vec![("length", vec![length]), ("detail", vec![detail])] }
 }
 
 /// u^t (E - p . w) of matter with time component `u_t` of its four-velocity and coordinate velocity `w`.
