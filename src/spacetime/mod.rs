@@ -279,6 +279,11 @@ macro_rules! model_kind {
                 matches!(self, ModelKind::Luneburg | ModelKind::Radial)
             }
 
+            /// Whether the slope of the force jumps where steps go across: no place for a method of high order.
+            pub fn has_kinks(self) -> bool {
+                matches!(self, ModelKind::ThesisGravity | ModelKind::PowerGravity | ModelKind::Layered)
+            }
+
             /// Whether the chart moves against observers at rest at infinity, so that directions there are not those of coordinates.
             pub fn moves_at_infinity(self) -> bool {
                 self == ModelKind::Alcubierre

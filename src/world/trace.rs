@@ -64,9 +64,7 @@ impl World {
                 _ => region.radius.max(10.0 * size),
             };
         }
-        // The kinks of layers are no place for a higher order.
-        let smooth = self.model != ModelKind::Layered;
-        if self.auto_method && smooth && scene.method == METHOD_NYSTROM && options.tolerance < FINE_TOLERANCE {
+        if self.auto_method && !self.model.has_kinks() && scene.method == METHOD_NYSTROM && options.tolerance < FINE_TOLERANCE {
             scene.method = METHOD_RUNGE_KUTTA;
         }
         scene.max_steps = options.max_steps.unwrap_or(scene.max_steps);

@@ -1,16 +1,16 @@
 //! Rays from launch to landing: straight ones one by one, curved ones as lanes of a register with finished lanes refilled.
 
 use super::edges::*;
-use super::lanes::{Ends, Lanes, Row};
+use super::ended::Ended;
+use super::lanes::Lanes;
+use super::solo::{Observed, Solo};
 use super::step::*;
+use super::waiting::Waiting;
 use crate::backend::Stop;
-use crate::kernels::bvh::{Curve, Hit, TraversalStack, closest_hit, hit_position, slabs, straight};
-use crate::kernels::clearance::{grid_curve, occupied_span};
+use crate::kernels::bvh::{Hit, TraversalStack, closest_hit, hit_position};
 use crate::kernels::constants::*;
 use crate::kernels::integrator::*;
-use crate::kernels::surface::{Arrival, matter_velocity};
-use crate::kernels::triangle::dot;
-use crate::simd::{Lane, load3, splat3, store3};
+use crate::kernels::surface::Arrival;
 use crate::spacetime::Class;
 use fearless_simd::Simd;
 use glam::Vec3;
@@ -69,126 +69,6 @@ pub fn advance_straight<S: Simd, T: Scalar>(
     }
 }
 
-/// The scalar part of a ray: its place, and what it has met.
-struct Solo<T> {
-    x: [T; 3],
-    /// Coordinate direction while straight, else unit velocity.
-    d: [T; 3],
-    p: [T; 3],
-    parameter: T,
-    length: T,
-    steps: u32,
-    chords: u32,
-    side: u32,
-    hit: Option<(Hit, Vec3)>,
-}
-
-/// What the local observer sees of a ray's end.
-struct Observed<T> {
-    direction: Option<[T; 3]>,
-    redshift: f32,
-    constraint_error: f32,
-    frame: [[f32; 3]; 2],
-    doppler: f32,
-}
-
-impl<T> Observed<T> {
-    fn flat() -> Self {
-        Observed { direction: None, redshift: 1.0, constraint_error: 0.0, frame: [[1.0; 3], [0.0; 3]], doppler: 1.0 }
-    }
-}
-
-impl<T: Scalar> Solo<T> {
-    fn new(x: [T; 3], d: [T; 3], side: u32) -> Self {
-        let zero = T::from_f64(0.0);
-        Solo { x, d, p: d, parameter: zero, length: zero, steps: 0, chords: 0, side, hit: None }
-    }
-
-    fn of_lane(lanes: &Lanes<T>, i: usize) -> Self {
-        let take = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
-        let v = take(&lanes.v);
-        let speed = dot(v, v).sqrt();
-        Solo {
-            x: take(&lanes.x),
-            d: [v[0] / speed, v[1] / speed, v[2] / speed],
-            p: take(&lanes.p),
-            parameter: lanes.parameter[i],
-            length: lanes.length[i],
-            steps: lanes.steps[i],
-            chords: lanes.chords[i],
-            side: lanes.side[i],
-            hit: None,
-        }
-    }
-
-    /// Goes straight to a hit, or away.
-    #[inline(always)]
-    fn cross<S: Simd>(&mut self, simd: S, course: &Course<T>, stack: &mut TraversalStack) -> u32 {
-        let curve = straight(to_vec3(self.x), to_vec3(self.d));
-        let mut hit = Hit::none(FAR);
-        self.chords += 1;
-        closest_hit(simd, &course.view, &curve, &slabs((), &curve), self.side, stack, &mut hit);
-        if hit.primitive == NO_INDEX {
-            return STATUS_ESCAPED;
-        }
-        self.length = self.length + T::from_f64(f64::from(hit.t));
-        self.hit = Some((hit, hit_position(&curve, hit.t)));
-        STATUS_HIT
-    }
-
-    /// Where the ray ended.
-    #[inline(always)]
-    fn end(&self) -> [T; 3] {
-        self.hit.map_or(self.x, |(_, position)| from_vec3(position))
-    }
-
-    /// Leaves the region outward: straight on past whatever is there, or along the asymptote of the far field.
-    #[inline(always)]
-    fn leave<S: Simd>(&mut self, simd: S, course: &Course<T>, stack: &mut TraversalStack) -> u32 {
-        let scene = course.scene;
-        if scene.region_strength != 0.0 {
-            let center = region_center::<T>(course);
-            let from_center = [self.x[0] - center[0], self.x[1] - center[1], self.x[2] - center[2]];
-            self.d = asymptote(from_center, self.d, T::from_f64(f64::from(scene.region_strength)));
-            return STATUS_ESCAPED;
-        }
-        self.cross(simd, course, stack)
-    }
-
-    #[inline(always)]
-    fn landing(&self, status: u32, observed: &Observed<T>) -> Landing<T> {
-        let (hit, position) = match self.hit {
-            Some((hit, position)) => (hit, position),
-            None => (Hit::none(0.0), to_vec3(self.x)),
-        };
-        let direction = observed.direction.unwrap_or(self.d);
-        Landing {
-            arrival: Arrival {
-                position,
-                primitive: hit.primitive,
-                direction: to_vec3(direction),
-                status,
-                u: hit.u,
-                v: hit.v,
-                path_length: self.length.to_f32(),
-                redshift: observed.redshift,
-                steps: self.steps,
-                chords: self.chords,
-                constraint_error: observed.constraint_error,
-                frame_diagonal: observed.frame[0].into(),
-                frame_mixed: observed.frame[1].into(),
-                doppler: observed.doppler,
-                side: self.side,
-            },
-            position: self.end(),
-            direction,
-            momentum: self.p,
-            parameter: self.parameter,
-            length: self.length,
-        }
-    }
-}
-
 /// Traces `count` rays through the world's model, `T::WIDTH` at a time.
 #[inline(always)]
 pub fn advance_curved<S: Simd, T: Scalar>(
@@ -206,8 +86,8 @@ pub fn advance_curved<S: Simd, T: Scalar>(
     let euler = scene.method == METHOD_EULER && medium;
     let one_by_one = euler || matches!(scene.method, METHOD_SYMPLECTIC | METHOD_LEAPFROG);
     let mut lanes = Lanes::<T>::idle();
-    let mut waiting = Waiting { lanes: Lanes::idle(), ready: 0, next: 0 };
-    let mut ended = Ended { ends: Ends::idle(), rays: Vec::with_capacity(T::WIDTH) };
+    let mut waiting = Waiting::none();
+    let mut ended = Ended::none();
     let mut live = 0u32;
     let stops = course.stop != Stop::Never;
     loop {
@@ -264,10 +144,10 @@ pub fn advance_curved<S: Simd, T: Scalar>(
             let i = todo.trailing_zeros() as usize;
             todo &= todo - 1;
             if let Some((s, hit)) = meet(simd, course, stack, &lanes, i) {
-                let landed = land_on_surface(&lanes, i, s, hit);
+                let landed = Solo::at_hit(&lanes, i, s, hit);
                 ended.add(course, &functions, &lanes, i, landed, STATUS_HIT);
                 live &= !(1 << i);
-                if ended.rays.len() == T::WIDTH {
+                if ended.is_full() {
                     ended.report(simd, course, &functions, &kernels, &mut land);
                 }
             }
@@ -312,7 +192,7 @@ pub fn advance_curved<S: Simd, T: Scalar>(
                 let solo = solo.unwrap_or_else(|| Solo::of_lane(&lanes, i));
                 ended.add(course, &functions, &lanes, i, solo, status);
                 live &= !(1 << i);
-                if ended.rays.len() == T::WIDTH {
+                if ended.is_full() {
                     ended.report(simd, course, &functions, &kernels, &mut land);
                 }
             }
@@ -322,7 +202,7 @@ pub fn advance_curved<S: Simd, T: Scalar>(
 
 /// The first hit along the piece of lane `i`, and the share of the whole step at which it is.
 #[inline(always)]
-fn meet<S: Simd, T: Scalar>(
+pub fn meet<S: Simd, T: Scalar>(
     simd: S,
     course: &Course<T>,
     stack: &mut TraversalStack,
@@ -335,215 +215,4 @@ fn meet<S: Simd, T: Scalar>(
     closest_hit(simd, &course.view, &curve, &slabs, lanes.side[i], stack, &mut hit);
     let share = T::from_f64(f64::from(from + (to - from) * hit.t));
     (hit.primitive != NO_INDEX).then(|| (share, (hit, hit_position(&curve, hit.t))))
-}
-
-/// Lane `i` where it met a surface at the share `s` of its step: momentum from the cubic through both ends.
-#[inline(always)]
-fn land_on_surface<T: Scalar>(lanes: &Lanes<T>, i: usize, s: T, hit: (Hit, Vec3)) -> Solo<T> {
-    let mut solo = Solo::of_lane(lanes, i);
-    let h = lanes.h[i];
-    let (one, two, three) = (T::from_f64(1.0), T::from_f64(2.0), T::from_f64(3.0));
-    let rest = one - s;
-    for axis in 0..3 {
-        let (p0, p1) = (lanes.p[axis][i], lanes.next.p[axis][i]);
-        let (a0, a1) = (lanes.a[axis][i] * h, lanes.next.a[axis][i] * h);
-        solo.p[axis] = rest * rest * (p0 * (one + two * s) + a0 * s) + s * s * (p1 * (three - two * s) - a1 * rest);
-    }
-    solo.parameter = solo.parameter + h * s;
-    solo.length = solo.length + lanes.next.travelled[i] * s;
-    solo.hit = Some(hit);
-    solo
-}
-
-/// Rays that ended and are not reported yet, so that what is observed there is computed for many at once.
-struct Ended<T> {
-    ends: Ends<T>,
-    rays: Vec<EndedRay<T>>,
-}
-
-struct EndedRay<T> {
-    index: usize,
-    solo: Solo<T>,
-    status: u32,
-    /// Frequency at the start.
-    frequency: T,
-    drift: f32,
-}
-
-impl<T: Scalar> Ended<T> {
-    /// Adds the end of lane `i`; there must be room.
-    #[inline(always)]
-    fn add(&mut self, course: &Course<T>, functions: &PointFunctions<T>, lanes: &Lanes<T>, i: usize, solo: Solo<T>, status: u32) {
-        let (energy, sense) = (lanes.energy[i], lanes.sense[i]);
-        let drift = if course.drift {
-            let at = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
-            let (x, p) = (at(&lanes.x), at(&lanes.p));
-            (functions.observe)((), course.model, x, p, energy, sense, lanes.parameter[i]).2.to_f32().abs()
-        } else {
-            0.0
-        };
-        let (to, ends) = (self.rays.len(), &mut self.ends);
-        for (axis, x) in solo.end().into_iter().enumerate() {
-            (ends.x[axis][to], ends.p[axis][to]) = (x, solo.p[axis]);
-        }
-        (ends.energy[to], ends.sense[to], ends.parameter[to]) = (energy, sense, solo.parameter);
-        self.rays.push(EndedRay { index: lanes.index[i], solo, status, frequency: lanes.frequency[i], drift });
-    }
-
-    /// Reports them all.
-    fn report<S: Simd>(
-        &mut self,
-        simd: S,
-        course: &Course<T>,
-        functions: &PointFunctions<T>,
-        kernels: &ModelKernels<S, T>,
-        land: &mut impl FnMut(usize, Landing<T>),
-    ) {
-        if self.rays.is_empty() {
-            return;
-        }
-        (kernels.observe)(simd, course, &mut self.ends);
-        let ends = &self.ends;
-        for (i, ray) in self.rays.drain(..).enumerate() {
-            let at = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
-            let frequency = ends.frequency[i];
-            let escaped = ray.status == STATUS_ESCAPED;
-            let end = if escaped { ends.far_frequency[i] } else { frequency };
-            let mut frame = [[1.0; 3], [0.0; 3]];
-            let mut doppler = 1.0;
-            if let Some((hit, position)) = ray.solo.hit {
-                if course.kind.class() == Class::Metric {
-                    frame = [to_vec3(at(&ends.frame_diagonal)).into(), to_vec3(at(&ends.frame_mixed)).into()];
-                }
-                if let Some(velocity) = matter_velocity(&course.view, &hit, position) {
-                    let (x, p, energy, sense) = (at(&ends.x), at(&ends.p), ends.energy[i], ends.sense[i]);
-                    let emitted = (functions.matter_frequency)((), course.model, x, p, energy, sense, from_vec3(velocity));
-                    doppler = (frequency / emitted).to_f32();
-                }
-            }
-            let observed = Observed {
-                // An escaped ray has its asymptotic direction already, unless the chart moves.
-                direction: if escaped && !course.kind.moves_at_infinity() { None } else { Some(at(&ends.direction)) },
-                redshift: (ray.frequency / end).to_f32(),
-                constraint_error: ray.drift,
-                frame,
-                doppler,
-            };
-            land(ray.index, ray.solo.landing(ray.status, &observed));
-        }
-    }
-}
-
-/// Rays that were launched together and wait for lanes that are free.
-struct Waiting<T> {
-    lanes: Lanes<T>,
-    /// Lanes whose ray waits, as bits.
-    ready: u32,
-    /// The ray to be launched next.
-    next: usize,
-}
-
-impl<T: Scalar> Waiting<T> {
-    /// Launches the next rays that have to be integrated; rays that end before are reported. False when none is left.
-    #[inline(always)]
-    #[allow(clippy::too_many_arguments, reason = "the state of one loop, split so that it can be read")]
-    fn fill<S: Simd>(
-        &mut self,
-        simd: S,
-        course: &Course<T>,
-        functions: &PointFunctions<T>,
-        kernels: &ModelKernels<S, T>,
-        stack: &mut TraversalStack,
-        count: usize,
-        launch: &impl Fn(usize) -> Launch<T>,
-        land: &mut impl FnMut(usize, Landing<T>),
-    ) -> bool {
-        while self.ready == 0 && self.next < count {
-            let lanes = &mut self.lanes;
-            for i in 0..T::WIDTH.min(count - self.next) {
-                let ray = launch(self.next);
-                for axis in 0..3 {
-                    (lanes.x[axis][i], lanes.p[axis][i]) = (ray.origin[axis], ray.direction[axis]);
-                }
-                (lanes.energy[i], lanes.sense[i]) = (ray.speed, ray.sense);
-                (lanes.width[i], lanes.spread[i]) = (T::from_f64(f64::from(ray.width)), T::from_f64(f64::from(ray.spread)));
-                (lanes.length[i], lanes.chords[i], lanes.side[i]) = (T::from_f64(0.0), 0, ray.side);
-                lanes.index[i] = self.next;
-                self.ready |= 1 << i;
-                self.next += 1;
-            }
-            self.approach::<T::Register<S>, S>(simd, course, stack, land);
-        }
-        if self.ready == 0 {
-            return false;
-        }
-        (kernels.launch)(simd, course, &mut self.lanes);
-        if course.stop != Stop::Never {
-            let lanes = &mut self.lanes;
-            for i in 0..T::WIDTH {
-                let x = [lanes.x[0][i], lanes.x[1][i], lanes.x[2][i]];
-                lanes.until[i] = stop_distance(course, functions, x, lanes.length[i], T::from_f64(0.0));
-            }
-        }
-        true
-    }
-
-    /// Takes rays that start outside of the bending region straight there, or past it; those that end on the way are reported.
-    #[inline(always)]
-    fn approach<L: Lane<Real = T, Token = S>, S: Simd>(
-        &mut self,
-        simd: S,
-        course: &Course<T>,
-        stack: &mut TraversalStack,
-        land: &mut impl FnMut(usize, Landing<T>),
-    ) {
-        let lanes = &mut self.lanes;
-        let zero = L::constant(simd, 0.0);
-        zero.store(&mut lanes.room);
-        let (x, d) = (load3(simd, &lanes.x), load3(simd, &lanes.p));
-        let radius = L::constant(simd, f64::from(course.scene.region_radius));
-        let entry = enter_sphere(simd, x, d, splat3(simd, region_center(course)), radius);
-        let passing = L::bits(entry.lt(zero)) & self.ready;
-        let entering = L::bits(zero.lt(entry)) & self.ready;
-        if passing | entering == 0 {
-            return;
-        }
-        let way = (entry * L::constant(simd, 1.0 + T::REGION_MARGIN)).max(zero);
-        let across = [d[0] * way, d[1] * way, d[2] * way];
-        let curve = Curve { start: x, c1: across, c2: [zero; 3], c3: [zero; 3], chords: L::constant(simd, 1.0), tolerance: zero };
-        let (from, to, end_room) = occupied_span(simd, &course.view, &grid_curve(simd, &course.view, &curve), zero, entering);
-        L::select(zero.lt(entry), end_room, zero).store(&mut lanes.room);
-        let occupied = L::bits(from.lt(to)) & entering;
-        let mut met = 0;
-        if occupied != 0 {
-            // A straight way is its own chord, and needs next to no tolerance.
-            let thin = L::constant(simd, f64::from(MIN_DIRECTION));
-            met = occupied & prepare_pieces(simd, course, &curve, (from, to), thin, &mut lanes.next.pieces);
-            stack.work.pass_root(occupied & !met);
-        }
-        from.store(&mut lanes.next.from);
-        to.store(&mut lanes.next.to);
-        way.store(&mut lanes.length);
-        let mut todo = met | passing;
-        while todo != 0 {
-            let i = todo.trailing_zeros() as usize;
-            todo &= todo - 1;
-            let at = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
-            let mut solo = Solo::new(at(&lanes.x), at(&lanes.p), lanes.side[i]);
-            let status = if passing >> i & 1 == 1 {
-                solo.cross(simd, course, stack)
-            } else if let Some((s, hit)) = meet(simd, course, stack, lanes, i) {
-                (solo.length, solo.chords, solo.hit) = (lanes.length[i] * s, 1, Some(hit));
-                STATUS_HIT
-            } else {
-                continue;
-            };
-            land(lanes.index[i], solo.landing(status, &Observed::flat()));
-            self.ready &= !(1 << i);
-        }
-        for (i, chords) in lanes.chords.iter_mut().enumerate() {
-            *chords += occupied >> i & 1;
-        }
-        store3(along(x, d, way), &mut lanes.x);
-    }
 }

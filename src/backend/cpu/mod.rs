@@ -2,9 +2,12 @@
 
 pub mod advance;
 pub mod edges;
+mod ended;
 pub mod lanes;
 mod shade;
+mod solo;
 pub mod step;
+mod waiting;
 
 use super::timing::{Dispatch, Profiling, Recorder, RoundCounts, Submission, Timings, now};
 use super::{Backend, Canvas, Development, Precision, Prepared, RawLanding, Stop, TraceOptions, TraceRay, TraceResult, Tracer, widen};
