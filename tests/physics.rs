@@ -24,7 +24,7 @@ fn thesis_recurrence_in_f64() {
 fn thesis_equation_of_motion_in_f64() {
     let error = groeller_limit_error(&mut cpu(), Precision::F64, 1e-12);
     println!("largest error: {error:.2e}");
-    assert!(error < 1e-8, "{error:e}");
+    assert!(error < 1e-9, "{error:e}");
 }
 
 #[test]
