@@ -117,7 +117,7 @@ real step_factor(real margin, real trend) {
 }
 
 void safe_step_of(real3 x, real3 v, out real safe, out real detail) {
-    real slowness = real(1.0) / sqrt(dot(v, v));
+    real slowness = real(1.0) / sqrt(max(dot(v, v), real(1e-30)));
     safe_step(x, v * slowness, safe, detail);
     safe *= slowness;
 }

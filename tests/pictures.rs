@@ -693,6 +693,11 @@ fn comparison_notices_wrong_films() {
     let difference = compare(&right, &shifted);
     assert!(!Thresholds::SHALLOW.hold(&difference), "one shifted row: {difference:?}");
 
+    let mut farther = right.clone();
+    farther.aovs.iter_mut().filter(|a| a.status == STATUS_HIT).for_each(|a| a.distance *= 1.002);
+    let difference = compare(&right, &farther);
+    assert!(difference.pixels == 0.0 && !Thresholds::SHALLOW.hold(&difference), "hits 0.2% farther: {difference:?}");
+
     let heavier = [&set[..], &["spacetime.mass=0.2525"]].concat();
     let other = film(&mut cpu(), asset_world("singularity.toml", &heavier), Precision::F32, 1);
     let difference = compare(&right, &other);

@@ -371,7 +371,8 @@ pub fn step_factor<L: Lane>(token: L::Token, margin: L, trend: L) -> L {
 /// Largest step of a ray at `x` with velocity `v`, in the parameter, and the length by which its error is measured.
 #[inline(always)]
 pub fn safe_step_of<M: Model, L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, x: [L; 3], v: [L; 3]) -> (L, L) {
-    let slowness = L::constant(token, 1.0) / dot(v, v).sqrt();
+    // In some charts light may stand still.
+    let slowness = L::constant(token, 1.0) / dot(v, v).max(L::constant(token, 1e-30)).sqrt();
     let (length, detail) = M::safe_step::<L>(
         token,
         model,
@@ -384,11 +385,12 @@ pub fn safe_step_of<M: Model, L: Lane>(token: L::Token, model: &ModelBlock<L::Re
     (length * slowness, detail)
 }
 
-/// Longest first step that is worth a try: the safe step, or a share of the local radius of curvature, |v| |p| / |force|.
+/// Longest first step that is worth a try, in the parameter: the safe step, or a share of |p| / |force|, the local radius of curvature
+/// over the speed.
 #[inline(always)]
-pub fn longest_first_step<L: Lane>(token: L::Token, flight: &Flight<L>, safe_step: L) -> L {
+pub fn longest_first_step<L: Lane>(token: L::Token, flight: &Flight<L>, safe: L) -> L {
     let bend = dot(flight.a, flight.a).sqrt().max(L::constant(token, 1e-12));
-    (dot(flight.p, flight.p).sqrt() / bend * L::constant(token, FIRST_STEP)).min(safe_step)
+    (dot(flight.p, flight.p).sqrt() / bend * L::constant(token, FIRST_STEP)).min(safe)
 }
 
 /// First step: `longest`, or shorter if the force changes much along it, from `flight.a` to `end_force`. The error of a step is about

@@ -62,7 +62,8 @@ fn from_segment<S: Scalar>(x: Vec3<S>, p: Vec3<S>, u: Vec3<S>, low: S, high: S) 
     from_point - u * along
 }
 
-/// A step that cannot jump over the ball (or tube) of a source: the distance to it, plus a share of the depth inside.
+/// A step that cannot jump over the ball (or tube) of a source: the distance to it, plus inside a share of the distance to its
+/// middle, and more for rays that go away from that.
 fn step_past_source<S: Scalar>(from_source: Vec3<S>, d: Vec3<S>, radius: S, core: S) -> S {
     let distance = from_source.length_or_zero();
     (distance - radius).max(S::constant(0.0)) + step_past_center(from_source, distance.min(radius).max(core), d, 0.3)

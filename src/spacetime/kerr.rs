@@ -1,7 +1,7 @@
 //! Rotating black holes, neutral or charged, in ingoing Kerr-Schild coordinates.
 //!
-//! g = eta + f l l with f = (2 M r - Q^2) / Sigma, l = (1, (r x + a x cross s + (a^2 z / r) s) / (r^2 + a^2)), s the spin's axis, z = x . s,
-//! r from (|x|^2 - z^2) / (r^2 + a^2) + z^2 / r^2 = 1, and Sigma = r^2 + a^2 z^2 / r^2. In 3+1 form: lapse (1 + f)^(-1/2), shift
+//! g = eta + f l l with f = (2 M r - Q^2) / Sigma, l = (1, (r x + a x cross s + (a^2 z / r) s) / (r^2 + a^2)), s the axis of the spin,
+//! z = x . s, r from (|x|^2 - z^2) / (r^2 + a^2) + z^2 / r^2 = 1, and Sigma = r^2 + a^2 z^2 / r^2. In 3+1 form: lapse (1 + f)^(-1/2), shift
 //! f / (1 + f) l, gamma^ij = delta^ij - f / (1 + f) l^i l^j. The chart is regular at the horizon, so cameras may be inside.
 //!
 //! A photon followed into its future is captured at r = M + sqrt(M^2 - a^2 - Q^2). One followed into its past never crosses the
@@ -39,22 +39,22 @@ impl<S: Scalar> SpinningHole<S> {
     /// Where `x` is in spheroidal coordinates about the ring.
     fn spheroidal(&self, x: Vec3<S>) -> Spheroidal<S> {
         let spin = Vec3(self.sx, self.sy, self.sz);
-        let height = x.dot(spin);
+        let spin_height = x.dot(spin);
         let w = x.dot(x) - self.spin.square();
-        let product = height.square();
-        let discriminant = (w.square() + product * S::constant(4.0)).sqrt().held();
-        // The positive root of r^4 - w r^2 - a^2 z^2, and a step of Newton's method: that gives it back the digits it has lost inside the
-        // ring, and has its derivatives.
-        let root = ((w + discriminant) * S::constant(0.5)).max(S::constant(1e-30)).held();
-        let r2 = root - (root * (root - w) - product) / discriminant;
-        Spheroidal { spin, height, r2, r: r2.sqrt(), sigma: r2 * S::constant(2.0) - w }
+        let product = spin_height.square();
+        // r^2 is the positive root of q^2 - w q - a^2 z^2, whose slope there is the root of its discriminant. A step of Newton's method
+        // gives it back the digits it has lost inside the ring, and has its derivatives.
+        let slope = (w.square() + product * S::constant(4.0)).sqrt().held();
+        let root = ((w + slope) * S::constant(0.5)).held();
+        let r2 = (root - (root * (root - w) - product) / slope).max(S::constant(1e-30));
+        Spheroidal { spin, spin_height, r2, r: r2.sqrt(), sigma: r2 * S::constant(2.0) - w }
     }
 
     /// 1 / (1 + f), f / (1 + f), and l.
     fn kerr_schild(&self, x: Vec3<S>) -> (S, S, Vec3<S>) {
-        let Spheroidal { spin, height, r2, r, sigma } = self.spheroidal(x);
+        let Spheroidal { spin, spin_height, r2, r, sigma } = self.spheroidal(x);
         let strength = self.mass * r * S::constant(2.0) - self.charge.square();
-        let l = (x * r + x.cross(spin) + spin * (height / r)) * (S::constant(1.0) / (r2 + self.spin.square()));
+        let l = (x * r + x.cross(spin) + spin * (spin_height / r)) * (S::constant(1.0) / (r2 + self.spin.square()));
         let whole = sigma + strength;
         (sigma / whole, strength / whole, l)
     }
@@ -65,8 +65,8 @@ struct Spheroidal<S> {
     /// The spin along its axis, a s.
     spin: Vec3<S>,
     /// a z, with z = x . s.
-    height: S,
-    /// The Boyer-Lindquist radius, squared.
+    spin_height: S,
+    /// The Boyer-Lindquist radius, squared; never zero.
     r2: S,
     /// The radius.
     r: S,

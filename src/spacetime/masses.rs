@@ -23,17 +23,19 @@ parameters! {
 /// Rays are captured where the sum of m / r has grown to this.
 const CAPTURE_POTENTIAL: f64 = 100.0;
 
-/// Largest step towards a mass as a share of the distance to it. A ray that falls towards one gathers speed as r^-2 and would be there after a
-/// third of the distance at its present speed.
+/// Largest step towards a mass as a share of the distance to it. A ray that falls towards one gathers speed as r^-2 and would be there
+/// after a third of the distance at its present speed.
 const FALL: f64 = 0.25;
 
 impl<S: Scalar> PointMass<S> {
     fn distance(&self, x: Vec3<S>) -> S {
         self.offset(x).length_or_zero()
     }
+
     fn offset(&self, x: Vec3<S>) -> Vec3<S> {
         x - Vec3(self.px, self.py, self.pz)
     }
+
     fn safe_step(&self, x: Vec3<S>, d: Vec3<S>) -> S {
         step_past_center(self.offset(x), self.distance(x), d, FALL)
     }

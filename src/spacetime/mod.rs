@@ -198,14 +198,14 @@ pub enum Class {
     Flow,
 }
 
+/// Share of the distance by which steps that go straight away from a center are longer than those towards it.
+const AWAY: f64 = 1.4;
+
 /// Longest step along the unit vector `d` from `x`, `r` away from a center where light bends on the scale of that distance: a share
 /// `towards` of it, and more for rays that go away. A pair of methods is blind to the errors of steps that end much nearer to the center.
 pub(crate) fn step_past_center<S: Scalar>(x: Vec3<S>, r: S, d: Vec3<S>, towards: f64) -> S {
     r * S::constant(towards) + x.dot(d).max(S::constant(0.0)) * S::constant(AWAY)
 }
-
-/// Share of the distance by which steps that go straight away from a center are longer than those towards it.
-const AWAY: f64 = 1.4;
 
 /// A step length no scene reaches.
 pub const UNBOUNDED_STEP: f64 = 1e12;
@@ -279,7 +279,7 @@ macro_rules! model_kind {
                 matches!(self, ModelKind::Luneburg | ModelKind::Radial)
             }
 
-            /// Whether the slope of the force jumps where steps go across: no place for a method of high order.
+            /// Whether the model is a medium whose force has kinks that steps go across: no place for a method of high order.
             pub fn has_kinks(self) -> bool {
                 matches!(self, ModelKind::ThesisGravity | ModelKind::PowerGravity | ModelKind::Layered)
             }

@@ -66,11 +66,12 @@ impl Metric for Dneg {
         Dyadic { diagonal: across, factor: (along - across) / rho2, v: x }
     }
 
-    fn safe_step<S: Scalar>(throat: &LongThroat<S>, x: Vec3<S>, d: Vec3<S>) -> S {
+    fn safe_step<S: Scalar>(throat: &LongThroat<S>, x: Vec3<S>, _: Vec3<S>) -> S {
         let rho2 = x.dot(x);
         let l = rho2.sqrt() * (S::constant(1.0) - throat.radius.square() * S::constant(0.25) / rho2);
         let beyond = (l.max(-l) - throat.half_length).max(S::constant(0.0));
-        // The profile bends on the scale of the lensing width.
-        step_past_center(x, beyond + throat.mass + throat.half_length, d, 0.3)
+        // The profile bends on the scale of the lensing width, on either side of a kink at the throat's end: no step may leap both, outward
+        // ones neither.
+        (beyond + throat.mass + throat.half_length) * S::constant(0.3)
     }
 }

@@ -202,7 +202,7 @@ pub fn advance_curved<S: Simd, T: Scalar>(
 
 /// The first hit along the piece of lane `i`, and the share of the whole step at which it is.
 #[inline(always)]
-pub fn meet<S: Simd, T: Scalar>(
+pub(super) fn meet<S: Simd, T: Scalar>(
     simd: S,
     course: &Course<T>,
     stack: &mut TraversalStack,

@@ -17,11 +17,15 @@ pub struct Ended<T> {
 }
 
 struct EndedRay<T> {
+    /// Which ray.
     index: usize,
+    /// Where it ended.
     solo: Solo<T>,
+    /// `STATUS_*`.
     status: u32,
     /// Frequency at the start.
     frequency: T,
+    /// Relative drift of the conserved Hamiltonian, if it is wanted.
     drift: f32,
 }
 

@@ -15,7 +15,7 @@ use glam::Vec3;
 /// The scalar part of a ray: its place, and what it has met.
 pub struct Solo<T> {
     /// Position.
-    pub x: [T; 3],
+    x: [T; 3],
     /// Coordinate direction while straight, else unit velocity.
     d: [T; 3],
     /// Momentum.
@@ -24,9 +24,11 @@ pub struct Solo<T> {
     pub parameter: T,
     /// Coordinate length.
     pub length: T,
+    /// Steps of the integration.
     steps: u32,
     /// Chords that were handed to the BVH.
     pub chords: u32,
+    /// Side of a wormhole: 0 or 1.
     side: u32,
     /// What it met, and where.
     pub hit: Option<(Hit, Vec3)>,

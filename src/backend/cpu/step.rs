@@ -238,7 +238,7 @@ pub fn integrate_alone<T: Scalar>(course: &Course<T>, functions: &PointFunctions
         let alive = (functions.capture_distance)((), model, moved.x, moved.p, lanes.frequency[i], sense);
         captured |= u32::from(alive.to_f64() < 0.0) << i;
         let next = &mut lanes.next;
-        // Their length is given, whatever is safe.
+        // Of given length, whatever is safe or exact; what follows from that is not read.
         (next.safe[i], next.error[i], next.stray[i]) = (T::from_f64(0.0), T::from_f64(0.0), T::from_f64(0.0));
         for axis in 0..3 {
             next.x[axis][i] = moved.x[axis];

@@ -125,7 +125,7 @@ pub fn statements(dialect: Dialect, prefix: &str, outputs: &[Expr]) -> (String, 
             },
             Node::Mul(a, b) => format!("{} * {}", name(a), name(b)),
             Node::Div(a, b) => format!("{} / {}", name(a), name(b)),
-            // None is left.
+            // `release` has left none.
             Node::Held(a) => name(a),
             Node::Neg(a) => format!("-{}", name(a)),
             Node::Sqrt(a) => dialect.unary("sqrt", &name(a)),
