@@ -13,6 +13,8 @@ mod constants;
 #[path = "src/spacetime/mod.rs"]
 #[allow(dead_code, unused_imports, reason = "the build script uses the formulas only")]
 mod spacetime;
+#[path = "src/kernels/tableau.rs"]
+mod tableau;
 
 use spacetime::expr::emit::Dialect;
 use spacetime::expr::model::ModelFormulas;
@@ -24,7 +26,7 @@ const MODEL_KERNEL: &str = "advance";
 const DRAWING_STAGES: &[(&str, ShaderStage)] = &[("present.vert", ShaderStage::Vertex), ("present.frag", ShaderStage::Fragment)];
 
 fn main() -> Result<(), Box<dyn Error>> {
-    for path in ["build.rs", "shaders", "src/spacetime", "src/kernels/constants.rs"] {
+    for path in ["build.rs", "shaders", "src/spacetime", "src/kernels/constants.rs", "src/kernels/tableau.rs"] {
         println!("cargo:rerun-if-changed={path}");
     }
     let out = PathBuf::from(std::env::var("OUT_DIR")?);
@@ -100,6 +102,11 @@ fn constants_glsl(dialect: Dialect) -> String {
     for (name, value) in constants::REALS {
         let _ = writeln!(text, "const real {name} = {};", dialect.constant(*value));
     }
+    let tableaus = (0..constants::TABLEAU_COUNT).flat_map(|i| tableau::packed(constants::METHOD_RUNGE_KUTTA + i));
+    let entries = tableaus.enumerate().filter(|&(_, value)| value != 0.0);
+    let entries: String = entries.map(|(at, value)| format!("at == {at}u ? {} : ", dialect.constant(value))).collect();
+    // Choices, because drivers keep an array in memory even where every index into it is a constant.
+    let _ = writeln!(text, "real tableau_entry(uint at) {{ return {entries}real(0.0); }}");
     text
 }
 

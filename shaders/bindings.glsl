@@ -79,8 +79,8 @@ layout(set = 0, binding = 3, std430) uniform SceneBlock {
     uint source_stride;
     uint table_start;
     uint unused;
-    // Origin, step, throat, rim, Runge-Kutta tableau, global parameters of the model.
-    real model_values[6 + TABLEAU_SIZE + MAX_GLOBALS];
+    // Origin, step, throat, rim, global parameters of the model.
+    real model_values[6 + MAX_GLOBALS];
 } scene;
 
 layout(set = 0, binding = 4) uniform usamplerBuffer node_words;
@@ -262,12 +262,8 @@ real model_rim() {
     return scene.model_values[5];
 }
 
-real model_tableau(uint i) {
-    return scene.model_values[6 + i];
-}
-
 real model_global(uint i) {
-    return scene.model_values[6 + TABLEAU_SIZE + i];
+    return scene.model_values[6 + i];
 }
 
 real3 model_table(uint i) {

@@ -114,63 +114,116 @@ void intersect_leaf(Curve curve, uint child, float enter, float exit, inout Hit 
     }
 }
 
-uvec3 traversal_stack[STACK_SIZE];
+// A chord prepared for slab tests against boxes that are extended by how far the curve strays.
+struct Slabs {
+    vec3 inverse;
+    vec3 near;
+    vec3 far;
+};
+
+Slabs slabs(Curve curve) {
+    vec3 chord = whole_chord(curve);
+    vec3 size = 1.0 / max(abs(chord), vec3(MIN_DIRECTION));
+    bvec3 backward = lessThan(chord, vec3(0.0));
+    vec3 down, up;
+    deviation(curve, down, up);
+    vec3 inverse = mix(size, -size, backward);
+    vec3 middle = -(curve.start * inverse);
+    vec3 slack = (abs(curve.start) + (down + up)) * BOX_ROUNDING;
+    return Slabs(inverse, middle - (mix(up, down, backward) + slack) * size, middle + (mix(down, up, backward) + slack) * size);
+}
+
+// Where the boxes of four children are entered and left.
+void intersect_node(uint node, uint part, Slabs ray, uvec3 near_plane, float t_max, out vec4 near, out vec4 far) {
+    near = vec4(0.0);
+    far = vec4(t_max);
+    for (uint axis = 0; axis < 3; ++axis) {
+        near = max(near, fma(node_bounds(node, near_plane[axis], part), vec4(ray.inverse[axis]), vec4(ray.near[axis])));
+        far = min(far, fma(node_bounds(node, near_plane[axis] ^ 1, part), vec4(ray.inverse[axis]), vec4(ray.far[axis])));
+    }
+}
+
+// What is still to be visited: a child, and where it is entered and left, as the upper halves of two floats, of which the first
+// is rounded down and the second up. They sort by where they are entered.
+uvec2 traversal_stack[STACK_SIZE];
+const uvec2 NO_ENTRY = uvec2(NO_INDEX, 0u);
+
+uvec2 entry(uint child, float enter, float exit) {
+    bool met = enter <= exit * (1.0 + BOX_ROUNDING);
+    return met ? uvec2(child, (floatBitsToUint(enter) & 0xffff0000u) | ((floatBitsToUint(exit) >> 16) + 1u)) : NO_ENTRY;
+}
+
+float entered(uvec2 entry) {
+    return uintBitsToFloat(entry.y & 0xffff0000u);
+}
+
+float left(uvec2 entry) {
+    return uintBitsToFloat(entry.y << 16);
+}
+
+void order(inout uvec2 a, inout uvec2 b) {
+    bool swapped = b.y < a.y;
+    uvec2 first = swapped ? b : a;
+    b = swapped ? a : b;
+    a = first;
+}
+
+// Batcher's network: first what is not met, then from the nearest to the farthest.
+void sort_entries(inout uvec2 a, inout uvec2 b, inout uvec2 c, inout uvec2 d, inout uvec2 e, inout uvec2 f, inout uvec2 g, inout uvec2 h) {
+    order(a, b), order(c, d), order(e, f), order(g, h);
+    order(a, c), order(b, d), order(e, g), order(f, h);
+    order(b, c), order(f, g);
+    order(a, e), order(b, f), order(c, g), order(d, h);
+    order(c, e), order(d, f);
+    order(b, c), order(d, e), order(f, g);
+}
 
 void closest_hit(Curve curve, uint side, inout Hit hit) {
     if (COUNTING) {
         ++work.chords;
     }
-    vec3 chord = whole_chord(curve);
-    bvec3 forward = greaterThanEqual(chord, vec3(0.0));
-    vec3 size = max(abs(chord), vec3(MIN_DIRECTION));
-    vec3 inverse_chord = 1.0 / mix(-size, size, forward);
-    vec3 down, up;
-    deviation(curve, down, up);
-    vec3 near_origin = curve.start + mix(-down, up, forward);
-    vec3 far_origin = curve.start + mix(up, -down, forward);
-    uvec3 near_plane = uvec3(0, 2, 4) + mix(uvec3(1), uvec3(0), forward);
+    Slabs ray = slabs(curve);
+    uvec3 near_plane = uvec3(0, 2, 4) + mix(uvec3(0), uvec3(1), lessThan(ray.inverse, vec3(0.0)));
 
     uint top = 0;
-    uint child = scene_root(side);
-    float enter = 0.0;
-    float exit = hit.t;
+    uvec2 current = entry(scene_root(side), 0.0, hit.t);
     while (true) {
-        if (child < CHILD_PRIMITIVE) {
+        uvec2 next = NO_ENTRY;
+        if (current.x < CHILD_PRIMITIVE) {
             if (COUNTING) {
                 ++work.nodes;
             }
-            uint bottom = top;
-            for (uint part = 0; part < 2; ++part) {
-                vec4 near = vec4(0.0), far = vec4(hit.t);
-                for (uint axis = 0; axis < 3; ++axis) {
-                    near = max(near, (node_bounds(child, near_plane[axis], part) - near_origin[axis]) * inverse_chord[axis]);
-                    far = min(far, (node_bounds(child, near_plane[axis] ^ 1, part) - far_origin[axis]) * inverse_chord[axis]);
-                }
-                uvec4 children = node_children(child, part);
-                for (uint lane = 0; lane < 4; ++lane) {
-                    if (near[lane] <= far[lane] * (1.0 + 4.0 * 1.1920929e-7)) {
-                        // Insert so that the nearest child ends on top.
-                        uint at = top;
-                        while (at > bottom && uintBitsToFloat(traversal_stack[at - 1].y) < near[lane]) {
-                            traversal_stack[at] = traversal_stack[at - 1];
-                            --at;
-                        }
-                        traversal_stack[at] = uvec3(children[lane], floatBitsToUint(near[lane]), floatBitsToUint(far[lane]));
-                        ++top;
-                    }
-                }
+            vec4 near0, far0, near1, far1;
+            intersect_node(current.x, 0, ray, near_plane, hit.t, near0, far0);
+            intersect_node(current.x, 1, ray, near_plane, hit.t, near1, far1);
+            uvec4 child0 = node_children(current.x, 0), child1 = node_children(current.x, 1);
+            // Variables, because an array that is indexed in a loop is kept in memory.
+            uvec2 a = entry(child0.x, near0.x, far0.x), b = entry(child0.y, near0.y, far0.y);
+            uvec2 c = entry(child0.z, near0.z, far0.z), d = entry(child0.w, near0.w, far0.w);
+            uvec2 e = entry(child1.x, near1.x, far1.x), f = entry(child1.y, near1.y, far1.y);
+            uvec2 g = entry(child1.z, near1.z, far1.z), h = entry(child1.w, near1.w, far1.w);
+            sort_entries(a, b, c, d, e, f, g, h);
+            // All but the nearest wait, the farthest the longest.
+            while (g.x != NO_INDEX) {
+                traversal_stack[top] = h;
+                ++top;
+                h = g, g = f, f = e, e = d, d = c, c = b, b = a, a = NO_ENTRY;
             }
+            next = h;
         } else {
-            intersect_leaf(curve, child, enter, exit, hit);
+            intersect_leaf(curve, current.x, entered(current), left(current), hit);
         }
+        // What waits behind the hit need not be visited.
         do {
-            if (top == 0) {
-                return;
+            if (next.x == NO_INDEX) {
+                if (top == 0) {
+                    return;
+                }
+                --top;
+                next = traversal_stack[top];
             }
-            --top;
-            child = traversal_stack[top].x;
-            enter = uintBitsToFloat(traversal_stack[top].y);
-            exit = uintBitsToFloat(traversal_stack[top].z);
-        } while (enter > hit.t);
+            next = entered(next) > hit.t ? NO_ENTRY : next;
+        } while (next.x == NO_INDEX);
+        current = next;
     }
 }

@@ -2,8 +2,7 @@
 // The loop of the steps holds nothing else: what only few rays of a subgroup do there, all of them wait for. Twin of
 // src/backend/cpu.
 
-// The integrator, and whether rays are traced on their own, are known when the pipeline is built.
-layout(constant_id = 1) const uint METHOD = METHOD_RUNGE_KUTTA;
+// Whether rays are traced on their own is known when the pipeline is built.
 layout(constant_id = 2) const bool TRACING = false;
 
 // Iterations of one dispatch; a ray that needs more goes on in the next round.
@@ -144,7 +143,7 @@ void advance(uint slot) {
     real3 center = real3(SCENE.region_center);
     real radius = real(SCENE.region_radius);
     bool fixed_step = METHOD == METHOD_EULER || METHOD == METHOD_SYMPLECTIC || METHOD == METHOD_LEAPFROG;
-    fixed_step = fixed_step || (METHOD == METHOD_RUNGE_KUTTA && model_tableau(1) == real(0.0));
+    fixed_step = fixed_step || (METHOD >= METHOD_RUNGE_KUTTA && tableau(1) == real(0.0));
 #ifdef MEDIUM
     bool euler = METHOD == METHOD_EULER;
 #else
@@ -204,7 +203,7 @@ void advance(uint slot) {
             real tolerance = step_tolerance(ray.x, real(cone), real(SCENE.tolerance), detail, TOLERANCE_FLOOR);
             ray.h = first_step(flight, end_force, longest, tolerance);
         } else {
-            ray.h = METHOD == METHOD_RUNGE_KUTTA ? model_step() / sqrt(dot(flight.v, flight.v)) : model_step();
+            ray.h = METHOD >= METHOD_RUNGE_KUTTA ? model_step() / sqrt(dot(flight.v, flight.v)) : model_step();
         }
     }
     real before = stops ? stop_distance(ray.x, ray.len, ray.parameter) : real(0.0);
@@ -340,7 +339,7 @@ void advance(uint slot) {
             ideal = ideal_step(ray.h, error, tolerance);
             ray.h = min(ray.h * step_factor(margin, step_trend(ideal, ideal_before)), safe);
             ideal = crossing ? real(0.0) : ideal;
-        } else if (METHOD == METHOD_RUNGE_KUTTA) {
+        } else if (METHOD >= METHOD_RUNGE_KUTTA) {
             ray.h = model_step() / length(flight.v);
         }
         bool crossed = false;

@@ -1,5 +1,8 @@
 // Steps along curved rays; documented in src/kernels/integrator.rs. `real` is float or double.
 
+// The method is known when the pipeline is built.
+layout(constant_id = 1) const uint METHOD = METHOD_DORMAND_PRINCE;
+
 struct Flight {
     real3 x;
     real3 p;
@@ -42,31 +45,47 @@ void nystrom_step(Charge charge, inout Flight flight, real h, out real error) {
     flight = Flight(x, p, p, k3);
 }
 
-void runge_kutta_step(Charge charge, inout Flight flight, real parameter, real h, out real error, out real stray) {
-    uint stages = uint(model_tableau(0));
-    real3 v[MAX_STAGES];
-    real3 a[MAX_STAGES];
-    v[0] = flight.v;
-    a[0] = flight.a;
-    Flight state = flight;
-    for (uint i = 1; i < stages; ++i) {
-        uint row = 2 + 3 * MAX_STAGES + i * MAX_STAGES;
+// Entries of the tableau of the method.
+real tableau(uint i) {
+    return tableau_entry((max(METHOD, METHOD_RUNGE_KUTTA) - METHOD_RUNGE_KUTTA) * TABLEAU_SIZE + i);
+}
+
+// Rates at the stages of a step.
+real3 stage_v[MAX_STAGES];
+real3 stage_a[MAX_STAGES];
+
+void take_stage(uint i, Charge charge, Flight flight, real parameter, real h, inout Flight state) {
+    stage_v[i] = stage_a[i] = real3(0.0);
+    if (i < uint(tableau(0))) {
         real3 x = flight.x, p = flight.p;
         for (uint j = 0; j < i; ++j) {
-            real weight = h * model_tableau(row + j);
-            x = along(x, v[j], weight);
-            p = along(p, a[j], weight);
+            real weight = h * tableau(2 + (3 + i) * MAX_STAGES + j);
+            x = along(x, stage_v[j], weight);
+            p = along(p, stage_a[j], weight);
         }
-        state = rate_at(charge, x, p, fma(h, model_tableau(2 + i), parameter));
-        v[i] = state.v;
-        a[i] = state.a;
+        state = rate_at(charge, x, p, fma(h, tableau(2 + i), parameter));
+        stage_v[i] = state.v;
+        stage_a[i] = state.a;
     }
+}
+
+void runge_kutta_step(Charge charge, inout Flight flight, real parameter, real h, out real error, out real stray) {
+    Flight state = flight;
+    stage_v[0] = flight.v;
+    stage_a[0] = flight.a;
+    // Not a loop: stages that are picked by a variable would be kept in memory.
+    take_stage(1, charge, flight, parameter, h, state);
+    take_stage(2, charge, flight, parameter, h, state);
+    take_stage(3, charge, flight, parameter, h, state);
+    take_stage(4, charge, flight, parameter, h, state);
+    take_stage(5, charge, flight, parameter, h, state);
+    take_stage(6, charge, flight, parameter, h, state);
     real3 ex = real3(0.0), ep = real3(0.0), quartic = real3(0.0);
-    for (uint j = 0; j < stages; ++j) {
-        real weight = model_tableau(2 + MAX_STAGES + j);
-        ex = along(ex, v[j], weight);
-        ep = along(ep, a[j], weight);
-        quartic = along(quartic, v[j], model_tableau(2 + 2 * MAX_STAGES + j));
+    for (uint j = 0; j < MAX_STAGES; ++j) {
+        real weight = tableau(2 + MAX_STAGES + j);
+        ex = along(ex, stage_v[j], weight);
+        ep = along(ep, stage_a[j], weight);
+        quartic = along(quartic, stage_v[j], tableau(2 + 2 * MAX_STAGES + j));
     }
     real turn = h * h * dot(flight.v, flight.v) / dot(flight.p, flight.p);
     error = sqrt(dot(ex, ex) + dot(ep, ep) * turn) * abs(h);

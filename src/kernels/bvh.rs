@@ -161,7 +161,7 @@ pub struct Slabs<L> {
 pub fn slabs<L: Lane>(token: L::Token, curve: &Curve<L>) -> Slabs<L> {
     let chord = whole_chord(curve);
     let smallest = L::constant(token, f64::from(MIN_DIRECTION));
-    let rounding = L::constant(token, f64::from(4.0 * f32::EPSILON));
+    let rounding = L::constant(token, f64::from(BOX_ROUNDING));
     let (down, up) = deviation(token, curve);
     let mut slabs = Slabs { inverse: chord, near: chord, far: chord };
     for (i, c) in chord.into_iter().enumerate() {
@@ -197,8 +197,7 @@ pub fn meets_root<L: Lane>(token: L::Token, view: &SceneView, slabs: &Slabs<L>) 
     met
 }
 
-/// Rounding must not lose a box that is grazed.
-const BOX_SLACK: f64 = 1.0 + 4.0 * f32::EPSILON as f64;
+const BOX_SLACK: f64 = 1.0 + BOX_ROUNDING as f64;
 
 /// Parameters at which the extended boxes of a node's children are entered (left), and the mask of those met before `t_max`.
 #[inline(always)]

@@ -97,12 +97,18 @@ constants! {
         STOP_SPHERE = 3;
         STOP_PLANE = 4;
 
-        /// Integrators.
+        /// Integrators: those of their own, then those that run from a tableau, which start at METHOD_RUNGE_KUTTA.
         METHOD_EULER = 0;
         METHOD_NYSTROM = 1;
-        METHOD_RUNGE_KUTTA = 2;
-        METHOD_SYMPLECTIC = 3;
-        METHOD_LEAPFROG = 4;
+        METHOD_SYMPLECTIC = 2;
+        METHOD_LEAPFROG = 3;
+        METHOD_RUNGE_KUTTA = 4;
+        METHOD_EXPLICIT_EULER = 4;
+        METHOD_RK4 = 5;
+        METHOD_BOGACKI_SHAMPINE = 6;
+        METHOD_DORMAND_PRINCE = 7;
+        /// Methods that run from a tableau.
+        TABLEAU_COUNT = 4;
         /// Most stages of a Runge-Kutta method.
         MAX_STAGES = 7;
         /// Entries of a packed tableau: stages, whether it estimates its error, nodes, error weights, weights of the quartic term, rows.
@@ -163,6 +169,8 @@ constants! {
         TAU = std::f32::consts::TAU;
         /// A distance no scene reaches.
         FAR = 1e30;
+        /// Rounding must not lose a box that is grazed: the share by which it is met earlier and later.
+        BOX_ROUNDING = 4.0 * f32::EPSILON;
         /// Ray origins leave the surface by this share of their coordinates.
         ORIGIN_OFFSET = 1e-5;
         /// Smallest GGX alpha: below it a lobe is a mirror in f32.

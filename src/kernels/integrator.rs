@@ -21,7 +21,7 @@ pub struct ModelBlock<T> {
     pub rim: T,
     /// Step of the methods that do not choose their own.
     pub step: T,
-    /// The Runge-Kutta method, packed as `world/method.rs` writes it.
+    /// The Runge-Kutta method, packed as [`super::tableau`] does it.
     pub tableau: Vec<T>,
     /// Values of the model's parameters.
     pub global: Vec<T>,

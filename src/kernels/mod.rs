@@ -14,6 +14,7 @@ pub mod rng;
 pub mod sampling;
 pub mod surface;
 pub mod table;
+pub mod tableau;
 pub mod texture;
 pub mod triangle;
 pub mod view;

@@ -4,7 +4,6 @@ mod aim;
 pub mod bvh;
 mod clearance;
 mod emitters;
-pub mod method;
 mod region;
 mod trace;
 
@@ -16,6 +15,7 @@ use crate::kernels::constants::*;
 use crate::kernels::integrator::ModelBlock;
 use crate::kernels::layout::*;
 use crate::kernels::material::integrate_ggx_albedo;
+use crate::kernels::tableau;
 use crate::kernels::view::SceneView;
 use crate::scene::file::MaterialKind;
 use crate::scene::{AccretionDisc, CameraKind, Environment, Filter, Geometry, Hole, Method, Scene, Sky, Spacetime};
@@ -107,7 +107,7 @@ impl World {
             auto_method: scene.integrator.auto,
             parameters: ModelBlock {
                 step: scene.integrator.step,
-                tableau: method::tableau(scene.integrator.method),
+                tableau: tableau::packed(method_number(scene)).to_vec(),
                 ..region::block_of(&scene.spacetime)
             },
             spacetime: scene.spacetime.clone(),
@@ -402,7 +402,10 @@ fn method_number(scene: &Scene) -> u32 {
         Method::Nystrom => METHOD_NYSTROM,
         Method::Symplectic => METHOD_SYMPLECTIC,
         Method::Leapfrog => METHOD_LEAPFROG,
-        _ => METHOD_RUNGE_KUTTA,
+        Method::Euler => METHOD_EXPLICIT_EULER,
+        Method::Rk4 => METHOD_RK4,
+        Method::BogackiShampine => METHOD_BOGACKI_SHAMPINE,
+        Method::DormandPrince | Method::Auto => METHOD_DORMAND_PRINCE,
     }
 }
 

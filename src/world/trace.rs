@@ -65,7 +65,7 @@ impl World {
             };
         }
         if self.auto_method && !self.model.has_kinks() && scene.method == METHOD_NYSTROM && options.tolerance < FINE_TOLERANCE {
-            scene.method = METHOD_RUNGE_KUTTA;
+            scene.method = METHOD_DORMAND_PRINCE;
         }
         scene.max_steps = options.max_steps.unwrap_or(scene.max_steps);
         scene.tolerance = options.tolerance as f32;

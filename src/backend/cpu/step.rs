@@ -134,7 +134,7 @@ pub struct Masks {
 /// Whether the method's steps are of fixed length.
 pub fn fixed_step<T: Real>(scene: &SceneParameters, model: &ModelBlock<T>) -> bool {
     matches!(scene.method, METHOD_EULER | METHOD_SYMPLECTIC | METHOD_LEAPFROG)
-        || (scene.method == METHOD_RUNGE_KUTTA && model.tableau[1].to_f64() == 0.0)
+        || (scene.method >= METHOD_RUNGE_KUTTA && model.tableau[1].to_f64() == 0.0)
 }
 
 /// Launches every lane into the model `M`.
@@ -153,7 +153,7 @@ fn launch_lanes<M: Model, L: Lane<Real = T>, T: Scalar>(token: L::Token, course:
         let end = rate_at::<M, L>(token, model, &charge, along(x, v, longest), along(p, a, longest), longest);
         let cone = L::load(token, &lanes.spread).mul_add(L::load(token, &lanes.length), L::load(token, &lanes.width));
         first_step(token, &flight, end.a, longest, course.tolerance(token, x, cone, detail))
-    } else if scene.method == METHOD_RUNGE_KUTTA {
+    } else if scene.method >= METHOD_RUNGE_KUTTA {
         L::splat(token, model.step) / dot(v, v).sqrt()
     } else {
         L::splat(token, model.step)
@@ -275,7 +275,7 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
     // Choose the next step length, inside what the model allows at the place it starts from.
     let straight = scene.method == METHOD_EULER && course.kind.class() == Class::Medium;
     let mut next_h = if fixed {
-        if scene.method == METHOD_RUNGE_KUTTA { L::splat(token, model.step) / dot(moved.v, moved.v).sqrt() } else { h }
+        if scene.method >= METHOD_RUNGE_KUTTA { L::splat(token, model.step) / dot(moved.v, moved.v).sqrt() } else { h }
     } else {
         let trend = step_trend(token, ideal, L::load(token, &lanes.ideal));
         let proposed = h * step_factor(token, margin, L::select(good, trend, one));

@@ -6,7 +6,7 @@ use super::device::Device;
 use super::pipeline::Layout;
 use crate::backend::Precision;
 use crate::error::Result;
-use crate::kernels::constants::{MAX_GLOBALS, TABLEAU_SIZE};
+use crate::kernels::constants::MAX_GLOBALS;
 use crate::kernels::layout::SceneParameters;
 use crate::simd::Real;
 use crate::world::World;
@@ -96,16 +96,16 @@ impl DeviceScene {
 }
 
 /// The model in the precision of the integrator. For the block: counts and where the table begins, then origin, step, throat, rim,
-/// tableau and parameters. For an array of its own: the sources, then the table.
+/// parameters. For an array of its own: the sources, then the table.
 fn model_bytes<T: Real>(world: &World) -> (Vec<u8>, Vec<u8>) {
     let block = world.model_block::<T>();
     let stride = world.model.source_stride();
     let count = block.sources.len().checked_div(stride).unwrap_or(0);
     let head = [count, stride, block.sources.len(), 0].map(|v| v as u32);
-    let mut values: Vec<T> = block.origin.iter().chain([&block.step, &block.throat, &block.rim]).chain(&block.tableau).copied().collect();
+    let mut values: Vec<T> = block.origin.iter().chain([&block.step, &block.throat, &block.rim]).copied().collect();
     assert!(block.global.len() <= MAX_GLOBALS as usize, "MAX_GLOBALS holds the parameters of every model");
     values.extend(&block.global);
-    values.resize((6 + TABLEAU_SIZE + MAX_GLOBALS) as usize, T::default());
+    values.resize((6 + MAX_GLOBALS) as usize, T::default());
     let fixed = [bytemuck::cast_slice(&head), bytemuck::cast_slice(&values)].concat();
     let arrays = [block.sources, block.table].concat();
     (fixed, bytemuck::cast_slice(&arrays).to_vec())

@@ -1,10 +1,8 @@
-//! Runge-Kutta methods as the tableaus that `kernels/integrator.rs` runs.
+//! Runge-Kutta methods as the tableaus that `integrator.rs` runs; `build.rs` writes them into `constants.glsl`.
 //!
 //! Every tableau ends with a stage at the new state, so that its derivatives can start the next step: methods that lack one get it.
 
-use crate::kernels::constants::TABLEAU_SIZE;
-use crate::kernels::integrator::STAGES;
-use crate::scene::Method;
+use super::constants::*;
 
 /// Nodes, matrix rows and error weights of a method.
 struct Tableau {
@@ -61,23 +59,22 @@ const DORMAND_PRINCE: Tableau = Tableau {
     ],
 };
 
-/// The packed tableau of a method: number of stages, 1 if it estimates its error, nodes, error weights, weights of the quartic
-/// term, rows of the matrix.
-pub fn tableau(method: Method) -> Vec<f64> {
-    let t = match method {
-        Method::Euler => &EULER,
-        Method::Rk4 => &RK4,
-        Method::BogackiShampine => &BOGACKI_SHAMPINE,
-        _ => &DORMAND_PRINCE,
-    };
-    let mut packed = vec![0.0; TABLEAU_SIZE as usize];
+/// Tableaus of the methods from `METHOD_RUNGE_KUTTA` on.
+const TABLEAUS: [&Tableau; TABLEAU_COUNT as usize] = [&EULER, &RK4, &BOGACKI_SHAMPINE, &DORMAND_PRINCE];
+
+/// The tableau of a method (`METHOD_*`; of the last one for those that have none), packed: number of stages, 1 if it estimates its error,
+/// nodes, error weights, weights of the quartic term, rows of the matrix.
+pub fn packed(method: u32) -> [f64; TABLEAU_SIZE as usize] {
+    const STAGES: usize = MAX_STAGES as usize;
+    let t = method.checked_sub(METHOD_RUNGE_KUTTA).map_or(&DORMAND_PRINCE, |i| TABLEAUS[i as usize]);
+    let mut packed = [0.0; TABLEAU_SIZE as usize];
     packed[0] = t.nodes.len() as f64;
     packed[1] = f64::from(u8::from(!t.error.is_empty()));
     packed[2..2 + t.nodes.len()].copy_from_slice(t.nodes);
     packed[2 + STAGES..2 + STAGES + t.error.len()].copy_from_slice(t.error);
     packed[2 + 2 * STAGES..2 + 2 * STAGES + t.quartic.len()].copy_from_slice(t.quartic);
     for (i, row) in t.rows.iter().enumerate() {
-        let start = 2 + 3 * STAGES + i * STAGES;
+        let start = 2 + (3 + i) * STAGES;
         packed[start..start + row.len()].copy_from_slice(row);
     }
     packed
