@@ -35,8 +35,6 @@ layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Bl
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Aims { vec4 items[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Materials { Material items[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Lights { Light items[]; };
-// Sources of the model, then its table.
-layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Model { real values[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) buffer FilmSums { uvec4 items[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) buffer FilmAovs { Aov items[]; };
 
@@ -73,10 +71,10 @@ layout(set = 0, binding = 3, std430) uniform SceneBlock {
     BlackBodies black_bodies;
     Profiles profiles;
     Aims aims;
-    Model model;
     SceneParameters parameters;
+    // Sources of the model, the words of each, and the word that its table begins with.
     uint source_count;
-    uint source_stride;
+    uint source_words;
     uint table_start;
     uint unused;
     // Origin, step, throat, rim, global parameters of the model.
@@ -87,6 +85,7 @@ layout(set = 0, binding = 4) uniform usamplerBuffer node_words;
 layout(set = 0, binding = 5) uniform usamplerBuffer block_words;
 layout(set = 0, binding = 6) uniform usamplerBuffer primitive_words;
 layout(set = 0, binding = 7) uniform usamplerBuffer clearance_cells;
+layout(set = 0, binding = 8) uniform usamplerBuffer model_words;
 
 #define SCENE scene.parameters
 
@@ -266,15 +265,30 @@ real model_global(uint i) {
     return scene.model_values[6 + i];
 }
 
-real3 model_table(uint i) {
-    uint at = scene.table_start + 3 * i;
-    return real3(scene.model.values[at], scene.model.values[at + 1], scene.model.values[at + 2]);
+#ifdef REAL64
+real model_real(uint first_word, uint i) {
+    uvec4 word = texelFetch(model_words, int(first_word + i / 2));
+    return packDouble2x32(i % 2 == 0 ? word.xy : word.zw);
 }
+
+real3 model_table(uint i) {
+    uint at = scene.table_start + 2 * i;
+    return real3(model_real(at, 0), model_real(at, 1), model_real(at, 2));
+}
+#else
+real model_real(uint first_word, uint i) {
+    return uintBitsToFloat(texelFetch(model_words, int(first_word + i / 4))[i % 4]);
+}
+
+real3 model_table(uint i) {
+    return uintBitsToFloat(texelFetch(model_words, int(scene.table_start + i)).xyz);
+}
+#endif
 
 int model_source_count() {
     return int(scene.source_count);
 }
 
 real model_source(int source, int i) {
-    return scene.model.values[source * int(scene.source_stride) + i];
+    return model_real(uint(source) * scene.source_words, uint(i));
 }

@@ -1,17 +1,23 @@
 // A table of three functions as a bicubic B-spline; documented in src/kernels/table.rs.
 
-void spline_weights(real f, out real weights[4], out real slopes[4]) {
+#ifdef REAL64
+#define real4 dvec4
+#else
+#define real4 vec4
+#endif
+
+void spline_weights(real f, out real4 weights, out real4 slopes) {
     real f2 = f * f, g = real(1.0) - f;
     real f3 = f2 * f;
     real sixth = real(1.0) / real(6.0);
-    weights[0] = g * g * g * sixth;
-    weights[1] = (real(3.0) * f3 - real(6.0) * f2 + real(4.0)) * sixth;
-    weights[2] = (real(3.0) * (f2 - f3 + f) + real(1.0)) * sixth;
-    weights[3] = f3 * sixth;
-    slopes[0] = real(-0.5) * g * g;
-    slopes[1] = real(1.5) * f2 - real(2.0) * f;
-    slopes[2] = f + real(0.5) - real(1.5) * f2;
-    slopes[3] = real(0.5) * f2;
+    weights = real4(g * g * g, real(3.0) * f3 - real(6.0) * f2 + real(4.0), real(3.0) * (f2 - f3 + f) + real(1.0), f3) * sixth;
+    slopes = real4(real(-0.5) * g * g, real(1.5) * f2 - real(2.0) * f, f + real(0.5) - real(1.5) * f2, real(0.5) * f2);
+}
+
+void table_row(uint first, real4 weights, real4 slopes, out real3 value, out real3 change) {
+    real3 a = model_table(first), b = model_table(first + 1), c = model_table(first + 2), d = model_table(first + 3);
+    value = a * weights.x + b * weights.y + c * weights.z + d * weights.w;
+    change = a * slopes.x + b * slopes.y + c * slopes.z + d * slopes.w;
 }
 
 void table_lookup(real u, real v, out real3 value, out real3 by_u, out real3 by_v) {
@@ -19,18 +25,16 @@ void table_lookup(real u, real v, out real3 value, out real3 by_u, out real3 by_
     real s = u * cells_u, t = v * cells_v;
     real i = floor(clamp(s, real(0.0), cells_u - real(1.0)));
     real j = floor(clamp(t, real(0.0), cells_v - real(1.0)));
-    real weight_u[4], slope_u[4], weight_v[4], slope_v[4];
-    spline_weights(s - i, weight_u, slope_u);
-    spline_weights(t - j, weight_v, slope_v);
-    value = real3(0.0);
-    by_u = real3(0.0);
-    by_v = real3(0.0);
-    for (uint a = 0; a < 4; ++a) {
-        for (uint b = 0; b < 4; ++b) {
-            real3 control = model_table((uint(i) + a) * TABLE_COLUMNS + uint(j) + b);
-            value += control * (weight_u[a] * weight_v[b]);
-            by_u += control * (slope_u[a] * weight_v[b] * cells_u);
-            by_v += control * (weight_u[a] * slope_v[b] * cells_v);
-        }
+    real4 weights_u, slopes_u, weights_v, slopes_v;
+    spline_weights(s - i, weights_u, slopes_u);
+    spline_weights(t - j, weights_v, slopes_v);
+    uint first = uint(i) * TABLE_COLUMNS + uint(j);
+    value = by_u = by_v = real3(0.0);
+    for (uint row = 0; row < 4; ++row) {
+        real3 along, change;
+        table_row(first + row * TABLE_COLUMNS, weights_v, slopes_v, along, change);
+        value += along * weights_u[row];
+        by_u += along * (slopes_u[row] * cells_u);
+        by_v += change * (weights_u[row] * cells_v);
     }
 }

@@ -31,7 +31,7 @@ fn functions(text: &str, glsl: bool) -> BTreeSet<String> {
 #[test]
 fn twins_have_the_same_functions() {
     // (stem, functions that one language alone needs)
-    let twins: [(&str, &[&str]); 14] = [
+    let twins: [(&str, &[&str]); 15] = [
         // A pair per lane.
         ("rng", &["random_pairs"]),
         ("sampling", &[]),
@@ -51,6 +51,7 @@ fn twins_have_the_same_functions() {
         // The table is computed by the host.
         ("material", &["integrate_ggx_albedo"]),
         ("surface", &[]),
+        ("table", &[]),
         // AOVs are stored by state.glsl.
         ("path", &["hit_aov", "miss_aov"]),
         // Shaders get exposure and tone curve as numbers, and pack bytes by a function of their own.

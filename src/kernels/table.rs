@@ -1,7 +1,7 @@
 //! A table of three functions over the unit square as a bicubic B-spline: part of the metric of models without a closed form.
 
 use super::constants::*;
-use crate::simd::{Lane, MAX_LANES, Real};
+use crate::simd::{Lane, MAX_LANES, Real, store};
 use crate::spacetime::dust_disc::table::TABLE_SIZE;
 
 // The solver, which the build script compiles too, cannot read the kernels' constants.
@@ -9,8 +9,8 @@ const _: () = assert!(TABLE_SIZE[0] == TABLE_ROWS as usize && TABLE_SIZE[1] == T
 
 /// Weights of the four control points of a cubic B-spline at the fraction `f` of a cell, and their derivatives.
 #[inline(always)]
-pub fn spline_weights<T: Real>(f: T) -> ([T; 4], [T; 4]) {
-    let c = T::from_f64;
+pub fn spline_weights<L: Lane>(token: L::Token, f: L) -> ([L; 4], [L; 4]) {
+    let c = |value: f64| L::constant(token, value);
     let (f2, g) = (f * f, c(1.0) - f);
     let f3 = f2 * f;
     let sixth = c(1.0 / 6.0);
@@ -19,44 +19,53 @@ pub fn spline_weights<T: Real>(f: T) -> ([T; 4], [T; 4]) {
     (weights, slopes)
 }
 
+/// Four control points of each lane, from the one at `first` on, summed by weights and by slopes.
+#[inline(always)]
+pub fn table_row<L: Lane>(
+    token: L::Token,
+    table: &[L::Real],
+    first: &[usize; MAX_LANES],
+    weights: &[L; 4],
+    slopes: &[L; 4],
+) -> ([L; 3], [L; 3]) {
+    let mut controls = [[L::Real::default(); MAX_LANES]; 12];
+    for (lane, &first) in first.iter().enumerate().take(L::LANES) {
+        for (control, &value) in controls.iter_mut().zip(&table[3 * first..3 * first + 12]) {
+            control[lane] = value;
+        }
+    }
+    let sum = |factors: &[L; 4], k: usize| {
+        let control = |b: usize| L::load(token, &controls[3 * b + k]);
+        control(3).mul_add(factors[3], control(2).mul_add(factors[2], control(1).mul_add(factors[1], control(0) * factors[0])))
+    };
+    (std::array::from_fn(|k| sum(weights, k)), std::array::from_fn(|k| sum(slopes, k)))
+}
+
 /// The three functions at (u, v), each in [0, 1], and their derivatives by u and by v.
 ///
 /// `table` holds `TABLE_ROWS` x `TABLE_COLUMNS` control points of three numbers, rows of constant u.
 #[inline(always)]
 pub fn table_lookup<L: Lane>(token: L::Token, table: &[L::Real], u: L, v: L) -> ([L; 3], [L; 3], [L; 3]) {
-    let mut lanes = [[L::Real::default(); MAX_LANES]; 11];
-    u.store(&mut lanes[9]);
-    v.store(&mut lanes[10]);
-    for i in 0..L::LANES {
-        let found = lookup_one(table, lanes[9][i], lanes[10][i]);
-        for (lane, value) in lanes.iter_mut().zip(found) {
-            lane[i] = value;
-        }
-    }
-    let three = |first: usize| [L::load(token, &lanes[first]), L::load(token, &lanes[first + 1]), L::load(token, &lanes[first + 2])];
-    (three(0), three(3), three(6))
-}
-
-/// Values, derivatives by u and derivatives by v at one point.
-fn lookup_one<T: Real>(table: &[T], u: T, v: T) -> [T; 9] {
-    let (rows, columns) = ((TABLE_ROWS - 3) as f64, (TABLE_COLUMNS - 3) as f64);
-    let (cells_u, cells_v) = (T::from_f64(rows), T::from_f64(columns));
+    let c = |value: u32| L::constant(token, f64::from(value));
+    let (cells_u, cells_v) = (c(TABLE_ROWS - 3), c(TABLE_COLUMNS - 3));
     let (s, t) = (u * cells_u, v * cells_v);
-    // What is not a number reads the first cell and stays one.
-    let (i, j) = (s.to_f64().clamp(0.0, rows - 1.0) as usize, t.to_f64().clamp(0.0, columns - 1.0) as usize);
-    let (weight_u, slope_u) = spline_weights(s - T::from_f64(i as f64));
-    let (weight_v, slope_v) = spline_weights(t - T::from_f64(j as f64));
-    let mut sums = [T::from_f64(0.0); 9];
-    for a in 0..4 {
-        for b in 0..4 {
-            let at = 3 * ((i + a) * TABLE_COLUMNS as usize + j + b);
-            for k in 0..3 {
-                let control = table[at + k];
-                sums[k] = sums[k] + weight_u[a] * weight_v[b] * control;
-                sums[3 + k] = sums[3 + k] + slope_u[a] * weight_v[b] * control * cells_u;
-                sums[6 + k] = sums[6 + k] + weight_u[a] * slope_v[b] * control * cells_v;
-            }
+    let i = s.max(c(0)).min(cells_u - c(1)).floor();
+    let j = t.max(c(0)).min(cells_v - c(1)).floor();
+    let (weights_u, slopes_u) = spline_weights(token, s - i);
+    let (weights_v, slopes_v) = spline_weights(token, t - j);
+    // What is not a number reads some cell and stays one.
+    let (rows, columns) = (store(i), store(j));
+    let mut first = std::array::from_fn(|lane| rows[lane].to_f64() as usize * TABLE_COLUMNS as usize + columns[lane].to_f64() as usize);
+    let zero = [c(0); 3];
+    let (mut value, mut by_u, mut by_v) = (zero, zero, zero);
+    for (weight, slope) in weights_u.into_iter().zip(slopes_u) {
+        let (along, change) = table_row(token, table, &first, &weights_v, &slopes_v);
+        for k in 0..3 {
+            value[k] = along[k].mul_add(weight, value[k]);
+            by_u[k] = along[k].mul_add(slope * cells_u, by_u[k]);
+            by_v[k] = change[k].mul_add(weight * cells_v, by_v[k]);
         }
+        first = first.map(|at| at + TABLE_COLUMNS as usize);
     }
-    sums
+    (value, by_u, by_v)
 }

@@ -18,7 +18,7 @@ pub fn kernel_spirv(name: &str) -> Option<&'static [u8]> {
 }
 
 /// Texel buffers of a scene.
-pub const TEXEL_VIEWS: u32 = 4;
+pub const TEXEL_VIEWS: u32 = 5;
 
 /// One descriptor set of storage buffers and the scene, and one block of push constants, for all kernels.
 pub struct Layout {

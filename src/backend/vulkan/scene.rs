@@ -3,7 +3,7 @@
 use super::buffer::{Buffer, TexelView};
 use super::command::Commands;
 use super::device::Device;
-use super::pipeline::Layout;
+use super::pipeline::{Layout, TEXEL_VIEWS};
 use crate::backend::Precision;
 use crate::error::Result;
 use crate::kernels::constants::MAX_GLOBALS;
@@ -16,6 +16,9 @@ use std::sync::Arc;
 
 /// Bytes moved per transfer.
 const STAGING: u64 = 32 << 20;
+
+/// Bytes of a word of a texel buffer.
+const WORD: usize = 16;
 
 /// The arrays of a world and the block that `bindings.glsl` calls `SceneBlock`.
 pub struct DeviceScene {
@@ -38,14 +41,15 @@ impl DeviceScene {
             Precision::F32 => model_bytes::<f32>(world),
             Precision::F64 => model_bytes::<f64>(world),
         };
-        let words = (vk::Format::R32G32B32A32_UINT, 16);
-        let texels: [(&str, &[u8], (vk::Format, u64)); 4] = [
+        let words = (vk::Format::R32G32B32A32_UINT, WORD as u64);
+        let texels: [(&str, &[u8], (vk::Format, u64)); TEXEL_VIEWS as usize] = [
             ("nodes", bytemuck::cast_slice(&world.nodes), words),
             ("triangle blocks", bytemuck::cast_slice(&world.blocks), words),
             ("primitives", bytemuck::cast_slice(&world.primitives), words),
             ("clearance", &world.clearance, (vk::Format::R8_UINT, 1)),
+            ("model", &sources, words),
         ];
-        let contents: [(&str, &[u8]); 13] = [
+        let contents: [(&str, &[u8]); 12] = [
             ("triangles", bytemuck::cast_slice(&world.triangles)),
             ("vertices", bytemuck::cast_slice(&world.vertices)),
             ("objects", bytemuck::cast_slice(&world.objects)),
@@ -58,7 +62,6 @@ impl DeviceScene {
             ("black bodies", bytemuck::cast_slice(&world.black_bodies)),
             ("disc profiles", bytemuck::cast_slice(&world.profiles)),
             ("apparent lights", bytemuck::cast_slice(&world.aims)),
-            ("model", &sources),
         ];
         let mut array = |name: &str, bytes: &[u8]| {
             let buffer = Buffer::new(device, name, bytes.len() as u64, MemoryLocation::GpuOnly)?;
@@ -95,20 +98,28 @@ impl DeviceScene {
     }
 }
 
-/// The model in the precision of the integrator. For the block: counts and where the table begins, then origin, step, throat, rim,
-/// parameters. For an array of its own: the sources, then the table.
+/// The model in the precision of the integrator. For the block: how many sources, of how many words each, and the word that the table begins
+/// with; then origin, step, throat, rim, parameters. For an array of its own: the sources, then the entries of the table, each of whole words.
 fn model_bytes<T: Real>(world: &World) -> (Vec<u8>, Vec<u8>) {
     let block = world.model_block::<T>();
+    let mut words = Vec::new();
+    let mut append = |values: &[T], count: usize| {
+        for entry in values.chunks(count.max(1)) {
+            words.extend_from_slice(bytemuck::cast_slice(entry));
+            words.resize(words.len().next_multiple_of(WORD), 0);
+        }
+        words.len() / WORD
+    };
     let stride = world.model.source_stride();
     let count = block.sources.len().checked_div(stride).unwrap_or(0);
-    let head = [count, stride, block.sources.len(), 0].map(|v| v as u32);
+    let table_start = append(&block.sources, stride);
+    append(&block.table, 3);
+    let head = [count, table_start.checked_div(count).unwrap_or(0), table_start, 0].map(|v| v as u32);
     let mut values: Vec<T> = block.origin.iter().chain([&block.step, &block.throat, &block.rim]).copied().collect();
     assert!(block.global.len() <= MAX_GLOBALS as usize, "MAX_GLOBALS holds the parameters of every model");
     values.extend(&block.global);
     values.resize((6 + MAX_GLOBALS) as usize, T::default());
-    let fixed = [bytemuck::cast_slice(&head), bytemuck::cast_slice(&values)].concat();
-    let arrays = [block.sources, block.table].concat();
-    (fixed, bytemuck::cast_slice(&arrays).to_vec())
+    ([bytemuck::cast_slice(&head), bytemuck::cast_slice(&values)].concat(), words)
 }
 
 /// Copies bytes to the start of a buffer, a piece at a time.
