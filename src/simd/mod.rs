@@ -3,11 +3,13 @@
 //! Registers come from `fearless_simd`, whose level (AVX-512, AVX2, SSE2, NEON, ...) is chosen at run time; the token that proves
 //! the level travels with every constant. A scalar lane has the token `()` and is the reference the registers are tested against.
 
+mod elementary;
 mod vector;
 
 pub use vector::{Vector, vector};
 
-use fearless_simd::{Select as _, Simd, SimdBase, SimdCvtFloat as _, SimdCvtTruncate as _, SimdFloat, SimdMask};
+use elementary::Register;
+use fearless_simd::{Bytes as _, Select as _, Simd, SimdBase, SimdCvtFloat as _, SimdCvtTruncate as _, SimdFloat, SimdMask};
 use fearless_simd::{f32x8, f32x16, f64x8, i32x8, i32x16, i64x8, mask32x8, mask32x16, mask64x8};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -249,22 +251,30 @@ macro_rules! scalar_lane {
 scalar_lane!(f32);
 scalar_lane!(f64);
 
-/// Applies a function of single numbers to every lane of a register.
-trait MapLanes<T> {
-    fn map(self, function: impl Fn(T) -> T) -> Self;
-}
-
 macro_rules! register_lane {
-    ($vector:ident, $integers:ident, $mask:ident, $real:ident, $lanes:literal) => {
-        impl<S: Simd> MapLanes<$real> for $vector<S> {
+    ($vector:ident, $integers:ident, $integer:ident, $mask:ident, $real:ident, $lanes:literal) => {
+        impl<S: Simd> Register for $vector<S> {
             #[inline(always)]
-            fn map(self, function: impl Fn($real) -> $real) -> Self {
+            fn token(self) -> S {
+                fearless_simd::ExtractToken::token(&self)
+            }
+            #[inline(always)]
+            fn power_of_two(self) -> Self {
+                (($integers::truncate_from(self) + (<$real>::MAX_EXP - 1) as $integer) << (<$real>::MANTISSA_DIGITS - 1)).bitcast()
+            }
+            #[inline(always)]
+            fn split_power(self) -> (Self, Self) {
+                let least = <$real>::to_bits(std::f64::consts::FRAC_1_SQRT_2 as $real) as $integer;
+                let above = self.bitcast::<$integers<S>>() - least;
+                let mantissa = above & ((1 << (<$real>::MANTISSA_DIGITS - 1)) - 1);
+                ((mantissa + least).bitcast(), Self::float_from(above >> (<$real>::MANTISSA_DIGITS - 1)))
+            }
+            #[cold]
+            #[inline(never)]
+            fn each(self, function: fn($real) -> $real) -> Self {
                 let mut lanes = [0.0; $lanes];
                 self.store(&mut lanes);
-                for lane in &mut lanes {
-                    *lane = function(*lane);
-                }
-                Self::from_slice(fearless_simd::ExtractToken::token(&self), &lanes)
+                Self::from_slice(self.token(), &lanes.map(function))
             }
         }
 
@@ -296,23 +306,23 @@ macro_rules! register_lane {
             }
             #[inline(always)]
             fn exp(self) -> Self {
-                self.map(<$real>::exp)
+                elementary::exp(self, <$real>::exp)
             }
             #[inline(always)]
             fn ln(self) -> Self {
-                self.map(<$real>::ln)
+                elementary::ln(self, <$real>::ln)
             }
             #[inline(always)]
             fn sin(self) -> Self {
-                self.map(<$real>::sin)
+                elementary::sin(self, <$real>::sin)
             }
             #[inline(always)]
             fn cos(self) -> Self {
-                self.map(<$real>::cos)
+                elementary::cos(self, <$real>::cos)
             }
             #[inline(always)]
             fn atan(self) -> Self {
-                self.map(<$real>::atan)
+                elementary::atan(self)
             }
             #[inline(always)]
             fn floor(self) -> Self {
@@ -320,7 +330,7 @@ macro_rules! register_lane {
             }
             #[inline(always)]
             fn gather(self, table: &[u8]) -> Self {
-                let token = fearless_simd::ExtractToken::token(&self);
+                let token = self.token();
                 // Whole numbers are exact in either precision up to here.
                 let length = SimdBase::splat(token, table.len().min(1 << 24) as $real);
                 let (below, negative) = (Lane::lt(self, length), Lane::lt(self, SimdBase::splat(token, 0.0)));
@@ -364,6 +374,6 @@ macro_rules! register_lane {
         }
     };
 }
-register_lane!(f32x8, i32x8, mask32x8, f32, 8);
-register_lane!(f32x16, i32x16, mask32x16, f32, 16);
-register_lane!(f64x8, i64x8, mask64x8, f64, 8);
+register_lane!(f32x8, i32x8, i32, mask32x8, f32, 8);
+register_lane!(f32x16, i32x16, i32, mask32x16, f32, 16);
+register_lane!(f64x8, i64x8, i64, mask64x8, f64, 8);

@@ -1,0 +1,193 @@
+//! Exponential, logarithm, sine, cosine and arc tangent of all lanes of a register at once.
+//!
+//! The C library takes one number at a time, which cost half of the time of models that need these. Here they are polynomials after a
+//! reduction of the argument, within one and a half units in the last place (of numbers above 1e-3) (`tests/lanes.rs`). If a lane is beyond the range that a
+//! reduction is made for, or is not a number, the library computes them all.
+
+use super::{Lane, Real};
+use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, FRAC_PI_4, LOG2_E};
+
+/// A register of numbers whose bits can be reached.
+pub(super) trait Register: Lane {
+    /// Proof that the instructions exist.
+    fn token(self) -> Self::Token;
+    /// 2 to the power of each lane, which must be a whole number among the exponents of normal numbers.
+    fn power_of_two(self) -> Self;
+    /// m and e with m 2^e the lane, which must be positive and normal; m is in [1/sqrt 2, sqrt 2).
+    fn split_power(self) -> (Self, Self);
+    /// `function` of each lane.
+    fn each(self, function: fn(Self::Real) -> Self::Real) -> Self;
+}
+
+/// Whether the lanes are of single precision.
+const fn single<L: Lane>() -> bool {
+    size_of::<L::Real>() == 4
+}
+
+/// The number for single or for double precision.
+#[inline(always)]
+fn by_precision<L: Register>(x: L, numbers: [f64; 2]) -> L {
+    L::constant(x.token(), numbers[usize::from(!single::<L>())])
+}
+
+/// Whether every lane is between two limits.
+#[inline(always)]
+fn within<L: Register>(x: L, low: [f64; 2], high: [f64; 2]) -> bool {
+    L::bits(L::both(by_precision(x, low).lt(x), x.lt(by_precision(x, high)))) == (1 << L::LANES) - 1
+}
+
+/// The polynomial with these coefficients, from the constant one on; single precision leaves out all from `enough` on.
+#[inline(always)]
+fn polynomial<L: Register>(x: L, coefficients: &[f64], enough: usize) -> L {
+    let used = if single::<L>() { &coefficients[..enough] } else { coefficients };
+    let c = |value: f64| L::constant(x.token(), value);
+    used.iter().rev().skip(1).fold(c(used[used.len() - 1]), |sum, &value| sum.mul_add(x, c(value)))
+}
+
+/// ln 2 in two parts; products of the first with exponents are exact.
+const LN_2: [[f64; 2]; 2] = [[0.693359375, 0.693147180369123816490], [-2.121944400546905827679e-4, 1.90821492927058770002e-10]];
+
+/// 1 / k!
+const EXP: [f64; 14] = {
+    let mut terms = [1.0; 14];
+    let mut k = 1;
+    while k < 14 {
+        terms[k] = terms[k - 1] / k as f64;
+        k += 1;
+    }
+    terms
+};
+
+/// e to the power of x, by the series of the rest after whole powers of two are taken out.
+#[inline(always)]
+pub(super) fn exp<L: Register>(x: L, library: fn(L::Real) -> L::Real) -> L {
+    if !within(x, [-87.0, -708.0], [88.0, 709.0]) {
+        return x.each(library);
+    }
+    let c = |value: f64| L::constant(x.token(), value);
+    let n = x.mul_add(c(LOG2_E), c(0.5)).floor();
+    let rest = LN_2.iter().fold(x, |rest, &part| n.mul_add(-by_precision(x, part), rest));
+    polynomial(rest, &EXP, 8) * n.power_of_two()
+}
+
+/// 2 / (2 k + 3)
+const LN: [f64; 12] = {
+    let mut terms = [0.0; 12];
+    let mut k = 0;
+    while k < 12 {
+        terms[k] = 2.0 / (2 * k + 3) as f64;
+        k += 1;
+    }
+    terms
+};
+
+/// Natural logarithm: ln(1 + f) = 2 artanh(f / (2 + f)).
+#[inline(always)]
+pub(super) fn ln<L: Register>(x: L, library: fn(L::Real) -> L::Real) -> L {
+    if !within(x, [f64::from(f32::MIN_POSITIVE), f64::MIN_POSITIVE], [f64::from(f32::MAX), f64::MAX]) {
+        return x.each(library);
+    }
+    let (m, e) = x.split_power();
+    let f = m - L::constant(x.token(), 1.0);
+    let s = f / (f + L::constant(x.token(), 2.0));
+    let z = s * s;
+    let rest = z * polynomial(z, &LN, 5);
+    let low = s.mul_add(rest - f, e * by_precision(x, LN_2[1]));
+    e.mul_add(by_precision(x, LN_2[0]), f + low)
+}
+
+/// pi / 2 in three parts, from Cephes' `sinf` and fdlibm's `rem_pio2`; products of the first two with whole numbers up to 2^13 (2^20) are exact.
+const HALF_TURN: [[f64; 2]; 3] = [
+    [1.5703125, 1.57079632673412561417],
+    [4.837512969970703125e-4, 6.07710050630396597660e-11],
+    [7.549789948768648e-8, 2.02226624879595063154e-21],
+];
+
+/// (-1)^k / (2 k + first)!, from k = 1 on.
+const fn alternating<const N: usize>(first: usize) -> [f64; N] {
+    let mut terms = [0.0; N];
+    let (mut term, mut at, mut k) = (1.0, first, 0);
+    while k < N {
+        term /= -((at + 1) as f64 * (at + 2) as f64);
+        at += 2;
+        terms[k] = term;
+        k += 1;
+    }
+    terms
+}
+const SINE: [f64; 8] = alternating(1);
+const COSINE: [f64; 8] = alternating(0);
+
+/// Sine of x and a number of quarter turns.
+#[inline(always)]
+fn sine<L: Register>(x: L, quarters: f64, library: fn(L::Real) -> L::Real) -> L {
+    if !within(x, [-8e3, -1e6], [8e3, 1e6]) {
+        return x.each(library);
+    }
+    let c = |value: f64| L::constant(x.token(), value);
+    let n = x.mul_add(c(FRAC_2_PI), c(0.5)).floor();
+    let rest = HALF_TURN.iter().fold(x, |rest, &part| n.mul_add(-by_precision(x, part), rest));
+    let z = rest * rest;
+    let sine = (rest * z).mul_add(polynomial(z, &SINE, 4), rest);
+    let cosine = z.mul_add(polynomial(z, &COSINE, 5), c(1.0));
+    let quadrant = n + c(quarters);
+    let halves = (quadrant * c(0.5)).floor();
+    let odd = c(0.5).lt(quadrant - halves * c(2.0));
+    let negative = c(0.25).lt(halves * c(0.5) - (halves * c(0.5)).floor());
+    let value = L::select(odd, cosine, sine);
+    L::select(negative, -value, value)
+}
+
+/// Sine.
+#[inline(always)]
+pub(super) fn sin<L: Register>(x: L, library: fn(L::Real) -> L::Real) -> L {
+    sine(x, 0.0, library)
+}
+
+/// Cosine.
+#[inline(always)]
+pub(super) fn cos<L: Register>(x: L, library: fn(L::Real) -> L::Real) -> L {
+    sine(x, 1.0, library)
+}
+
+/// (atan(t) / t - 1) / t^2 as polynomials of t^2 up to tan(pi / 8)^2, by interpolation at Chebyshev's nodes: to 2e-9 and 5e-18 of atan(t).
+const ATAN_SINGLE: [f64; 5] =
+    [-0.3333333176116851985, 0.1999954048364896344, -0.142639555979846392, 0.1074373149079108304, -0.06451928208121748758];
+const ATAN_DOUBLE: [f64; 11] = [
+    -0.3333333333333333016,
+    0.1999999999999552068,
+    -0.1428571428466654292,
+    0.1111111101525636173,
+    -0.0909090457812390189,
+    0.07692183190826086564,
+    -0.06664511447381948,
+    0.05858148912802209882,
+    -0.05085449737940259861,
+    0.0392316582955871913,
+    -0.01917688711906225899,
+];
+
+/// Arc tangent, by what is left after an eighth or a quarter turn.
+#[inline(always)]
+pub(super) fn atan<L: Register>(x: L) -> L {
+    let c = |value: f64| L::constant(x.token(), value);
+    let size = x.max(-x);
+    let (steep, middle) = (c(1.0 + std::f64::consts::SQRT_2).lt(size), c(std::f64::consts::SQRT_2 - 1.0).lt(size));
+    let part = |steep_value: L, middle_value: L, flat: L| L::select(steep, steep_value, L::select(middle, middle_value, flat));
+    let t = part(c(-1.0), size - c(1.0), size) / part(size, size + c(1.0), c(1.0));
+    let z = t * t;
+    let series = polynomial(z, if single::<L>() { &ATAN_SINGLE } else { &ATAN_DOUBLE }, ATAN_SINGLE.len());
+    let (turn, eighth) = (rounded::<L>(FRAC_PI_2), rounded::<L>(FRAC_PI_4));
+    let low = part(c(turn[1]), c(eighth[1]), c(0.0));
+    let value = part(c(turn[0]), c(eighth[0]), c(0.0)) + ((t * z).mul_add(series, t) + low);
+    L::select(x.lt(c(0.0)), -value, value)
+}
+
+/// A number in the precision of the lanes, and what rounding took from it as far as a double knows.
+#[inline(always)]
+fn rounded<L: Lane>(value: f64) -> [f64; 2] {
+    let high = L::Real::from_f64(value).to_f64();
+    // What a double itself lacks of pi / 2 is in proportion for pi / 4.
+    let lost = if single::<L>() { value - high } else { value / FRAC_PI_2 * 6.123233995736766e-17 };
+    [high, lost]
+}
