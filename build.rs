@@ -35,6 +35,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut includes: HashMap<String, String> = HashMap::new();
     for dialect in [Dialect::Glsl32, Dialect::Glsl64] {
         includes.insert(format!("constants{}", suffix(dialect)), constants_glsl(dialect));
+        includes.insert(format!("tableau{}", suffix(dialect)), tableau_glsl(dialect));
     }
     macro_rules! formulas {
         (Medium, $model:path) => {
@@ -102,15 +103,19 @@ fn constants_glsl(dialect: Dialect) -> String {
     for (name, value) in constants::REALS {
         let _ = writeln!(text, "const real {name} = {};", dialect.constant(*value));
     }
+    text
+}
+
+/// The entries of all tableaus, one after another.
+fn tableau_glsl(dialect: Dialect) -> String {
     let tableaus = (0..constants::TABLEAU_COUNT).flat_map(|i| tableau::packed(constants::METHOD_RUNGE_KUTTA + i));
     let entries = tableaus.enumerate().filter(|&(_, value)| value != 0.0);
     let entries: String = entries.map(|(at, value)| format!("at == {at}u ? {} : ", dialect.constant(value))).collect();
     // Choices, because drivers keep an array in memory even where every index into it is a constant.
-    let _ = writeln!(text, "real tableau_entry(uint at) {{ return {entries}real(0.0); }}");
-    text
+    format!("real tableau_entry(uint at) {{ return {entries}real(0.0); }}\n")
 }
 
-/// Resolves `#include`: the generated `constants.glsl` and `model.glsl`, everything else from shaders/.
+/// Resolves `#include`: the generated `constants.glsl`, `tableau.glsl` and `model.glsl`, everything else from shaders/.
 struct Includes<'a> {
     generated: &'a HashMap<String, String>,
     dialect: Dialect,
@@ -121,6 +126,7 @@ impl IncludeHandler for Includes<'_> {
     fn include(&mut self, _: IncludeType, name: &str, _: &str, _: usize) -> Option<IncludeResult> {
         let data = match name {
             "constants.glsl" => self.generated.get(&format!("constants{}", suffix(self.dialect)))?.clone(),
+            "tableau.glsl" => self.generated.get(&format!("tableau{}", suffix(self.dialect)))?.clone(),
             "model.glsl" => self.generated.get(&format!("{}{}", self.model, suffix(self.dialect)))?.clone(),
             _ => std::fs::read_to_string(Path::new("shaders").join(name)).ok()?,
         };

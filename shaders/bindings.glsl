@@ -1,18 +1,20 @@
 // Every buffer and its accessor. Scene arrays and the film are reached by address, so that they may be larger than a storage
-// buffer range; paths and queues are descriptors. What all rays read alike, addresses and parameters, is a uniform block; what
-// traversal reads, words of 16 bytes, comes through texel buffers, which fetch a word at once.
+// buffer range; paths and queues are descriptors. What all rays read alike, addresses and parameters, is a uniform block. What
+// traversal reads, and the model's sources and table, comes through texel buffers, which fetch a word of 16 bytes at once.
 // The accessors' twins are in src/kernels/view.rs.
 #extension GL_EXT_scalar_block_layout : require
 
 #ifdef REAL64
 #define real double
 #define real3 dvec3
+#define real4 dvec4
 #define TOLERANCE_FLOOR TOLERANCE_FLOOR_F64
 #define REGION_MARGIN REGION_MARGIN_F64
 #define RIM_SLACK RIM_SLACK_F64
 #else
 #define real float
 #define real3 vec3
+#define real4 vec4
 #define TOLERANCE_FLOOR TOLERANCE_FLOOR_F32
 #define REGION_MARGIN REGION_MARGIN_F32
 #define RIM_SLACK RIM_SLACK_F32

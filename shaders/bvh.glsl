@@ -148,20 +148,20 @@ void intersect_node(uint node, uint part, Slabs ray, uvec3 near_plane, float t_m
 uvec2 traversal_stack[STACK_SIZE];
 const uvec2 NO_ENTRY = uvec2(NO_INDEX, 0u);
 
-uvec2 entry(uint child, float enter, float exit) {
+uvec2 stack_entry(uint child, float enter, float exit) {
     bool met = enter <= exit * (1.0 + BOX_ROUNDING);
     return met ? uvec2(child, (floatBitsToUint(enter) & 0xffff0000u) | ((floatBitsToUint(exit) >> 16) + 1u)) : NO_ENTRY;
 }
 
-float entered(uvec2 entry) {
+float entry_start(uvec2 entry) {
     return uintBitsToFloat(entry.y & 0xffff0000u);
 }
 
-float left(uvec2 entry) {
+float entry_end(uvec2 entry) {
     return uintBitsToFloat(entry.y << 16);
 }
 
-void order(inout uvec2 a, inout uvec2 b) {
+void order_entries(inout uvec2 a, inout uvec2 b) {
     bool swapped = b.y < a.y;
     uvec2 first = swapped ? b : a;
     b = swapped ? a : b;
@@ -170,12 +170,12 @@ void order(inout uvec2 a, inout uvec2 b) {
 
 // Batcher's network: first what is not met, then from the nearest to the farthest.
 void sort_entries(inout uvec2 a, inout uvec2 b, inout uvec2 c, inout uvec2 d, inout uvec2 e, inout uvec2 f, inout uvec2 g, inout uvec2 h) {
-    order(a, b), order(c, d), order(e, f), order(g, h);
-    order(a, c), order(b, d), order(e, g), order(f, h);
-    order(b, c), order(f, g);
-    order(a, e), order(b, f), order(c, g), order(d, h);
-    order(c, e), order(d, f);
-    order(b, c), order(d, e), order(f, g);
+    order_entries(a, b), order_entries(c, d), order_entries(e, f), order_entries(g, h);
+    order_entries(a, c), order_entries(b, d), order_entries(e, g), order_entries(f, h);
+    order_entries(b, c), order_entries(f, g);
+    order_entries(a, e), order_entries(b, f), order_entries(c, g), order_entries(d, h);
+    order_entries(c, e), order_entries(d, f);
+    order_entries(b, c), order_entries(d, e), order_entries(f, g);
 }
 
 void closest_hit(Curve curve, uint side, inout Hit hit) {
@@ -183,10 +183,10 @@ void closest_hit(Curve curve, uint side, inout Hit hit) {
         ++work.chords;
     }
     Slabs ray = slabs(curve);
-    uvec3 near_plane = uvec3(0, 2, 4) + mix(uvec3(0), uvec3(1), lessThan(ray.inverse, vec3(0.0)));
+    uvec3 near_plane = uvec3(0, 2, 4) + uvec3(lessThan(ray.inverse, vec3(0.0)));
 
     uint top = 0;
-    uvec2 current = entry(scene_root(side), 0.0, hit.t);
+    uvec2 current = uvec2(scene_root(side), 0u);
     while (true) {
         uvec2 next = NO_ENTRY;
         if (current.x < CHILD_PRIMITIVE) {
@@ -198,10 +198,10 @@ void closest_hit(Curve curve, uint side, inout Hit hit) {
             intersect_node(current.x, 1, ray, near_plane, hit.t, near1, far1);
             uvec4 child0 = node_children(current.x, 0), child1 = node_children(current.x, 1);
             // Variables, because an array that is indexed in a loop is kept in memory.
-            uvec2 a = entry(child0.x, near0.x, far0.x), b = entry(child0.y, near0.y, far0.y);
-            uvec2 c = entry(child0.z, near0.z, far0.z), d = entry(child0.w, near0.w, far0.w);
-            uvec2 e = entry(child1.x, near1.x, far1.x), f = entry(child1.y, near1.y, far1.y);
-            uvec2 g = entry(child1.z, near1.z, far1.z), h = entry(child1.w, near1.w, far1.w);
+            uvec2 a = stack_entry(child0.x, near0.x, far0.x), b = stack_entry(child0.y, near0.y, far0.y);
+            uvec2 c = stack_entry(child0.z, near0.z, far0.z), d = stack_entry(child0.w, near0.w, far0.w);
+            uvec2 e = stack_entry(child1.x, near1.x, far1.x), f = stack_entry(child1.y, near1.y, far1.y);
+            uvec2 g = stack_entry(child1.z, near1.z, far1.z), h = stack_entry(child1.w, near1.w, far1.w);
             sort_entries(a, b, c, d, e, f, g, h);
             // All but the nearest wait, the farthest the longest.
             while (g.x != NO_INDEX) {
@@ -211,7 +211,7 @@ void closest_hit(Curve curve, uint side, inout Hit hit) {
             }
             next = h;
         } else {
-            intersect_leaf(curve, current.x, entered(current), left(current), hit);
+            intersect_leaf(curve, current.x, entry_start(current), entry_end(current), hit);
         }
         // What waits behind the hit need not be visited.
         do {
@@ -222,7 +222,7 @@ void closest_hit(Curve curve, uint side, inout Hit hit) {
                 --top;
                 next = traversal_stack[top];
             }
-            next = entered(next) > hit.t ? NO_ENTRY : next;
+            next = entry_start(next) > hit.t ? NO_ENTRY : next;
         } while (next.x == NO_INDEX);
         current = next;
     }

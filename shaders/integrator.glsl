@@ -1,5 +1,7 @@
 // Steps along curved rays; documented in src/kernels/integrator.rs. `real` is float or double.
 
+#include "tableau.glsl"
+
 // The method is known when the pipeline is built.
 layout(constant_id = 1) const uint METHOD = METHOD_DORMAND_PRINCE;
 
@@ -45,9 +47,10 @@ void nystrom_step(Charge charge, inout Flight flight, real h, out real error) {
     flight = Flight(x, p, p, k3);
 }
 
-// Entries of the tableau of the method.
+// An entry of the method's tableau.
 real tableau(uint i) {
-    return tableau_entry((max(METHOD, METHOD_RUNGE_KUTTA) - METHOD_RUNGE_KUTTA) * TABLEAU_SIZE + i);
+    uint method = METHOD < METHOD_RUNGE_KUTTA ? METHOD_DORMAND_PRINCE : METHOD;
+    return tableau_entry((method - METHOD_RUNGE_KUTTA) * TABLEAU_SIZE + i);
 }
 
 // Rates at the stages of a step.

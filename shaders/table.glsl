@@ -1,11 +1,5 @@
 // A table of three functions as a bicubic B-spline; documented in src/kernels/table.rs.
 
-#ifdef REAL64
-#define real4 dvec4
-#else
-#define real4 vec4
-#endif
-
 void spline_weights(real f, out real4 weights, out real4 slopes) {
     real f2 = f * f, g = real(1.0) - f;
     real f3 = f2 * f;

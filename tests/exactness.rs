@@ -233,13 +233,16 @@ fn comparison_notices_wrong_ends() {
 /// Where a ray ends does not depend on the rays that share its register.
 #[test]
 fn rays_do_not_depend_on_their_neighbours() {
-    for name in ["A", "B", "C"] {
-        let world = sized_world("benchmark.toml", &form(name), ["film.width=96", "film.height=54"]);
+    // Models with exponentials, logarithms, sines and arc tangents, beside the forms.
+    let scenes = ["weak-lens.toml", "gravity-line.toml", "parametric-helix.toml", "dneg.toml"];
+    let forms = ["A", "B", "C"].map(|name| ("benchmark.toml", form(name)));
+    for (file, set) in scenes.map(|file| (file, vec![])).into_iter().chain(forms) {
+        let world = sized_world(file, &set, ["film.width=96", "film.height=54"]);
         let together = camera_arrivals::<f32>(&world);
         for part in [1, 7] {
             for (i, (a, b)) in arrivals_in_parts::<f32>(&world, part).iter().zip(&together).enumerate() {
                 let end = |arrival: &Arrival| (arrival.status, arrival.steps, arrival.primitive, arrival.position, arrival.direction);
-                assert_eq!(end(a), end(b), "form {name}, ray {i}, {part} at a time");
+                assert_eq!(end(a), end(b), "{file} {set:?}, ray {i}, {part} at a time");
             }
         }
     }

@@ -40,11 +40,11 @@ fn twins_have_the_same_functions() {
         // Built into GLSL, but not for four vectors at once.
         ("triangle", &["dot", "cross", "lanes", "lanes_dot", "lanes_cross"]),
         ("primitive", &[]),
-        // Entries of the stack are sorted without memory in GLSL.
-        ("bvh", &["meets_root", "entry", "entered", "left", "order", "sort_entries"]),
+        // Lanes ask the root before they traverse alone; GLSL packs entries of the stack, and sorts them in registers.
+        ("bvh", &["meets_root", "stack_entry", "entry_start", "entry_end", "order_entries", "sort_entries"]),
         // Built into GLSL as `length`.
         ("clearance", &["grid_length"]),
-        // The first two are constructors in GLSL, which has no arrays that loops may index without memory.
+        // The first two are constructors in GLSL. The others keep stages out of memory there.
         ("integrator", &["to_vec3", "from_vec3", "tableau", "take_stage"]),
         // Lanes choose different lights.
         ("light", &["sample_lights"]),

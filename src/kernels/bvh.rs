@@ -197,6 +197,7 @@ pub fn meets_root<L: Lane>(token: L::Token, view: &SceneView, slabs: &Slabs<L>) 
     met
 }
 
+/// What the end of an interval is multiplied with before it is compared with the start.
 const BOX_SLACK: f64 = 1.0 + BOX_ROUNDING as f64;
 
 /// Parameters at which the extended boxes of a node's children are entered (left), and the mask of those met before `t_max`.

@@ -97,18 +97,18 @@ constants! {
         STOP_SPHERE = 3;
         STOP_PLANE = 4;
 
-        /// Integrators: those of their own, then those that run from a tableau, which start at METHOD_RUNGE_KUTTA.
+        /// Integrators: those of their own, then, from METHOD_RUNGE_KUTTA on, those that run from a tableau.
         METHOD_EULER = 0;
         METHOD_NYSTROM = 1;
         METHOD_SYMPLECTIC = 2;
         METHOD_LEAPFROG = 3;
         METHOD_RUNGE_KUTTA = 4;
-        METHOD_EXPLICIT_EULER = 4;
-        METHOD_RK4 = 5;
-        METHOD_BOGACKI_SHAMPINE = 6;
-        METHOD_DORMAND_PRINCE = 7;
+        METHOD_EXPLICIT_EULER = METHOD_RUNGE_KUTTA;
+        METHOD_RK4 = METHOD_RUNGE_KUTTA + 1;
+        METHOD_BOGACKI_SHAMPINE = METHOD_RUNGE_KUTTA + 2;
+        METHOD_DORMAND_PRINCE = METHOD_RUNGE_KUTTA + 3;
         /// Methods that run from a tableau.
-        TABLEAU_COUNT = 4;
+        TABLEAU_COUNT = METHOD_DORMAND_PRINCE - METHOD_RUNGE_KUTTA + 1;
         /// Most stages of a Runge-Kutta method.
         MAX_STAGES = 7;
         /// Entries of a packed tableau: stages, whether it estimates its error, nodes, error weights, weights of the quartic term, rows.

@@ -1,4 +1,4 @@
-//! Runge-Kutta methods as the tableaus that `integrator.rs` runs; `build.rs` writes them into `constants.glsl`.
+//! Runge-Kutta methods as the tableaus that `integrator.rs` runs; `build.rs` writes them into `tableau.glsl`.
 //!
 //! Every tableau ends with a stage at the new state, so that its derivatives can start the next step: methods that lack one get it.
 
@@ -62,8 +62,10 @@ const DORMAND_PRINCE: Tableau = Tableau {
 /// Tableaus of the methods from `METHOD_RUNGE_KUTTA` on.
 const TABLEAUS: [&Tableau; TABLEAU_COUNT as usize] = [&EULER, &RK4, &BOGACKI_SHAMPINE, &DORMAND_PRINCE];
 
-/// The tableau of a method (`METHOD_*`; of the last one for those that have none), packed: number of stages, 1 if it estimates its error,
-/// nodes, error weights, weights of the quartic term, rows of the matrix.
+const _: () = assert!(MAX_STAGES == 7, "integrator.glsl takes six stages after the first");
+
+/// The tableau of a method (`METHOD_*`), packed: number of stages, 1 if it estimates its error, nodes, error weights, weights of the quartic
+/// term, rows of the matrix. Methods without one get Dormand and Prince's, to which traced rays may change (`world/trace.rs`).
 pub fn packed(method: u32) -> [f64; TABLEAU_SIZE as usize] {
     const STAGES: usize = MAX_STAGES as usize;
     let t = method.checked_sub(METHOD_RUNGE_KUTTA).map_or(&DORMAND_PRINCE, |i| TABLEAUS[i as usize]);

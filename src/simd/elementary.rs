@@ -1,10 +1,10 @@
 //! Exponential, logarithm, sine, cosine and arc tangent of all lanes of a register at once.
 //!
 //! The C library takes one number at a time, which cost half of the time of models that need these. Here they are polynomials after a
-//! reduction of the argument, within one and a half units in the last place (of numbers above 1e-3) (`tests/lanes.rs`). If a lane is beyond the range that a
-//! reduction is made for, or is not a number, the library computes them all.
+//! reduction of the argument, to a relative error of 1.5 epsilon (`tests/lanes.rs`). Lanes beyond the range that a reduction is made for,
+//! or that are not a number, come from the library: each lane is a function of its own argument alone.
 
-use super::{Lane, Real};
+use super::Lane;
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, FRAC_PI_4, LOG2_E};
 
 /// A register of numbers whose bits can be reached.
@@ -30,10 +30,11 @@ fn by_precision<L: Register>(x: L, numbers: [f64; 2]) -> L {
     L::constant(x.token(), numbers[usize::from(!single::<L>())])
 }
 
-/// Whether every lane is between two limits.
+/// `inside` where `x` is between two limits, `library` of it elsewhere.
 #[inline(always)]
-fn within<L: Register>(x: L, low: [f64; 2], high: [f64; 2]) -> bool {
-    L::bits(L::both(by_precision(x, low).lt(x), x.lt(by_precision(x, high)))) == (1 << L::LANES) - 1
+fn within<L: Register>(x: L, low: [f64; 2], high: [f64; 2], inside: L, library: fn(L::Real) -> L::Real) -> L {
+    let mask = L::both(by_precision(x, low).lt(x), x.lt(by_precision(x, high)));
+    if L::bits(mask) == (1 << L::LANES) - 1 { inside } else { L::select(mask, inside, x.each(library)) }
 }
 
 /// The polynomial with these coefficients, from the constant one on; single precision leaves out all from `enough` on.
@@ -61,13 +62,10 @@ const EXP: [f64; 14] = {
 /// e to the power of x, by the series of the rest after whole powers of two are taken out.
 #[inline(always)]
 pub(super) fn exp<L: Register>(x: L, library: fn(L::Real) -> L::Real) -> L {
-    if !within(x, [-87.0, -708.0], [88.0, 709.0]) {
-        return x.each(library);
-    }
     let c = |value: f64| L::constant(x.token(), value);
     let n = x.mul_add(c(LOG2_E), c(0.5)).floor();
     let rest = LN_2.iter().fold(x, |rest, &part| n.mul_add(-by_precision(x, part), rest));
-    polynomial(rest, &EXP, 8) * n.power_of_two()
+    within(x, [-87.0, -708.0], [88.0, 709.0], polynomial(rest, &EXP, 8) * n.power_of_two(), library)
 }
 
 /// 2 / (2 k + 3)
@@ -84,23 +82,21 @@ const LN: [f64; 12] = {
 /// Natural logarithm: ln(1 + f) = 2 artanh(f / (2 + f)).
 #[inline(always)]
 pub(super) fn ln<L: Register>(x: L, library: fn(L::Real) -> L::Real) -> L {
-    if !within(x, [f64::from(f32::MIN_POSITIVE), f64::MIN_POSITIVE], [f64::from(f32::MAX), f64::MAX]) {
-        return x.each(library);
-    }
     let (m, e) = x.split_power();
     let f = m - L::constant(x.token(), 1.0);
     let s = f / (f + L::constant(x.token(), 2.0));
     let z = s * s;
     let rest = z * polynomial(z, &LN, 5);
     let low = s.mul_add(rest - f, e * by_precision(x, LN_2[1]));
-    e.mul_add(by_precision(x, LN_2[0]), f + low)
+    let value = e.mul_add(by_precision(x, LN_2[0]), f + low);
+    within(x, [f64::from(f32::MIN_POSITIVE), f64::MIN_POSITIVE], [f64::from(f32::MAX), f64::MAX], value, library)
 }
 
 /// pi / 2 in three parts, from Cephes' `sinf` and fdlibm's `rem_pio2`; products of the first two with whole numbers up to 2^13 (2^20) are exact.
 const HALF_TURN: [[f64; 2]; 3] = [
     [1.5703125, 1.57079632673412561417],
     [4.837512969970703125e-4, 6.07710050630396597660e-11],
-    [7.549789948768648e-8, 2.02226624879595063154e-21],
+    [7.54978995489188e-8, 2.02226624879595063154e-21],
 ];
 
 /// (-1)^k / (2 k + first)!, from k = 1 on.
@@ -121,9 +117,6 @@ const COSINE: [f64; 8] = alternating(0);
 /// Sine of x and a number of quarter turns.
 #[inline(always)]
 fn sine<L: Register>(x: L, quarters: f64, library: fn(L::Real) -> L::Real) -> L {
-    if !within(x, [-8e3, -1e6], [8e3, 1e6]) {
-        return x.each(library);
-    }
     let c = |value: f64| L::constant(x.token(), value);
     let n = x.mul_add(c(FRAC_2_PI), c(0.5)).floor();
     let rest = HALF_TURN.iter().fold(x, |rest, &part| n.mul_add(-by_precision(x, part), rest));
@@ -135,7 +128,7 @@ fn sine<L: Register>(x: L, quarters: f64, library: fn(L::Real) -> L::Real) -> L 
     let odd = c(0.5).lt(quadrant - halves * c(2.0));
     let negative = c(0.25).lt(halves * c(0.5) - (halves * c(0.5)).floor());
     let value = L::select(odd, cosine, sine);
-    L::select(negative, -value, value)
+    within(x, [-8e3, -1e6], [8e3, 1e6], L::select(negative, -value, value), library)
 }
 
 /// Sine.
@@ -167,6 +160,17 @@ const ATAN_DOUBLE: [f64; 11] = [
     -0.01917688711906225899,
 ];
 
+/// pi / 2 and pi / 4 as rounded, and what rounding took; each in single and in double precision.
+const TURNED: [[[f64; 2]; 2]; 2] = {
+    const fn parts(value: f64) -> [[f64; 2]; 2] {
+        let single = value as f32 as f64;
+        // A double of pi / 2 lacks this much.
+        [[single, value], [value - single, 6.123233995736766e-17 * (value / FRAC_PI_2)]]
+    }
+    let (half, quarter) = (parts(FRAC_PI_2), parts(FRAC_PI_4));
+    [[half[0], quarter[0]], [half[1], quarter[1]]]
+};
+
 /// Arc tangent, by what is left after an eighth or a quarter turn.
 #[inline(always)]
 pub(super) fn atan<L: Register>(x: L) -> L {
@@ -177,17 +181,7 @@ pub(super) fn atan<L: Register>(x: L) -> L {
     let t = part(c(-1.0), size - c(1.0), size) / part(size, size + c(1.0), c(1.0));
     let z = t * t;
     let series = polynomial(z, if single::<L>() { &ATAN_SINGLE } else { &ATAN_DOUBLE }, ATAN_SINGLE.len());
-    let (turn, eighth) = (rounded::<L>(FRAC_PI_2), rounded::<L>(FRAC_PI_4));
-    let low = part(c(turn[1]), c(eighth[1]), c(0.0));
-    let value = part(c(turn[0]), c(eighth[0]), c(0.0)) + ((t * z).mul_add(series, t) + low);
+    let angle = |part: [[f64; 2]; 2]| L::select(steep, by_precision(x, part[0]), L::select(middle, by_precision(x, part[1]), c(0.0)));
+    let value = angle(TURNED[0]) + ((t * z).mul_add(series, t) + angle(TURNED[1]));
     L::select(x.lt(c(0.0)), -value, value)
-}
-
-/// A number in the precision of the lanes, and what rounding took from it as far as a double knows.
-#[inline(always)]
-fn rounded<L: Lane>(value: f64) -> [f64; 2] {
-    let high = L::Real::from_f64(value).to_f64();
-    // What a double itself lacks of pi / 2 is in proportion for pi / 4.
-    let lost = if single::<L>() { value - high } else { value / FRAC_PI_2 * 6.123233995736766e-17 };
-    [high, lost]
 }

@@ -22,8 +22,8 @@ const WORD: usize = 16;
 
 /// The arrays of a world and the block that `bindings.glsl` calls `SceneBlock`.
 pub struct DeviceScene {
-    /// What traversal reads, and what keeps that alive.
-    traversed: Vec<(TexelView, Buffer)>,
+    /// What is fetched by texels, and what keeps that alive.
+    fetched: Vec<(TexelView, Buffer)>,
     /// What the block points to.
     arrays: Vec<Buffer>,
     /// The end of the block: what is the same for all rays of a model.
@@ -69,14 +69,14 @@ impl DeviceScene {
             Ok(buffer)
         };
         let arrays = contents.iter().map(|(name, bytes)| array(name, bytes)).collect::<Result<Vec<_>>>()?;
-        let mut traversed = Vec::new();
+        let mut fetched = Vec::new();
         for (name, bytes, (format, size)) in texels {
             let buffer = array(name, bytes)?;
-            traversed.push((TexelView::new(device, &buffer, format, size)?, buffer));
+            fetched.push((TexelView::new(device, &buffer, format, size)?, buffer));
         }
         let size = (8 * arrays.len()).next_multiple_of(16) + size_of::<SceneParameters>().next_multiple_of(16) + model.len();
         let block = Buffer::new(device, "scene", size as u64, MemoryLocation::GpuOnly)?;
-        let mut scene = DeviceScene { traversed, arrays, model, block, staging };
+        let mut scene = DeviceScene { fetched, arrays, model, block, staging };
         scene.set_parameters(commands, &world.scene)?;
         Ok(scene)
     }
@@ -94,7 +94,7 @@ impl DeviceScene {
 
     /// Lets kernels read it.
     pub fn bind(&self, layout: &Layout) {
-        layout.bind_scene(&self.block, self.traversed.iter().map(|(view, _)| view));
+        layout.bind_scene(&self.block, self.fetched.iter().map(|(view, _)| view));
     }
 }
 
@@ -103,18 +103,14 @@ impl DeviceScene {
 fn model_bytes<T: Real>(world: &World) -> (Vec<u8>, Vec<u8>) {
     let block = world.model_block::<T>();
     let mut words = Vec::new();
-    let mut append = |values: &[T], count: usize| {
-        for entry in values.chunks(count.max(1)) {
-            words.extend_from_slice(bytemuck::cast_slice(entry));
-            words.resize(words.len().next_multiple_of(WORD), 0);
-        }
-        words.len() / WORD
-    };
     let stride = world.model.source_stride();
+    for entry in block.sources.chunks(stride.max(1)).chain(block.table.chunks(3)) {
+        words.extend_from_slice(bytemuck::cast_slice(entry));
+        words.resize(words.len().next_multiple_of(WORD), 0);
+    }
     let count = block.sources.len().checked_div(stride).unwrap_or(0);
-    let table_start = append(&block.sources, stride);
-    append(&block.table, 3);
-    let head = [count, table_start.checked_div(count).unwrap_or(0), table_start, 0].map(|v| v as u32);
+    let source_words = (stride * size_of::<T>()).div_ceil(WORD);
+    let head = [count, source_words, count * source_words, 0].map(|v| v as u32);
     let mut values: Vec<T> = block.origin.iter().chain([&block.step, &block.throat, &block.rim]).copied().collect();
     assert!(block.global.len() <= MAX_GLOBALS as usize, "MAX_GLOBALS holds the parameters of every model");
     values.extend(&block.global);
