@@ -15,6 +15,11 @@ import sys
 import tempfile
 import time
 
+import matplotlib
+
+matplotlib.use("svg")
+from matplotlib import pyplot
+
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 MODELS = {"straight": [], "Schwarzschild": ["spacetime.kind=schwarzschild", "spacetime.mass=0.1", "spacetime.position=[0, 1.5, 0]"]}
 SCENE = """
@@ -111,9 +116,6 @@ def by_work(program, folder, repeats):
 
 
 def draw(points, rows, path):
-    import matplotlib
-    matplotlib.use("svg")
-    from matplotlib import pyplot
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(10, 4))
     for model, values in points.items():
         left.plot([v[0] for v in values], [v[1] for v in values], "o-", label=model)
