@@ -31,13 +31,14 @@ use support::tables::TABLES;
 use support::*;
 
 fn main() {
-    let tests: [DeviceTest; 11] = [
+    let tests: [DeviceTest; 12] = [
         ("kernel_functions_equal_their_twins", true, kernel_functions_equal_their_twins),
         ("reference_tables_f32", true, reference_tables_f32),
         ("reference_tables_f64", true, reference_tables_f64),
         ("thesis_rays", true, thesis_rays),
         ("films_agree_on_every_scene", true, films_agree_on_every_scene),
         ("films_agree_in_f64", true, films_agree_in_f64),
+        ("methods_agree", true, methods_agree),
         ("parts_merge_to_the_bit", true, parts_merge_to_the_bit),
         ("power_law_and_lines_agree", true, power_law_and_lines_agree),
         ("light_kinds_and_textures_agree", true, light_kinds_and_textures_agree),
@@ -267,6 +268,25 @@ fn films_agree_in_f64() {
     for name in ["singularity.toml", "dim-curved.toml"] {
         let world = asset_world(name, &["film.width=64", "film.height=36", "film.max_depth=2"]);
         agree(&mut backend, name, world, Precision::F64, 1, Thresholds::SHALLOW);
+    }
+}
+
+/// Every method that runs from a tableau, and the symplectic one, with steps so coarse that each has errors of its own.
+fn methods_agree() {
+    let mut backend = vulkan();
+    let mut cpu = CpuBackend::new(None).unwrap();
+    let mut films = Vec::new();
+    for method in ["euler", "rk4", "bogacki-shampine", "dormand-prince", "symplectic"] {
+        let method_set = format!("integrator.method={method}");
+        let coarse = ["integrator.step=3", "integrator.tolerance=1000"];
+        let set = [&[method_set.as_str()], &coarse[..], &["film.width=64", "film.height=36", "film.max_depth=2"]].concat();
+        agree(&mut backend, method, asset_world("kerr.toml", &set), Precision::F32, 1, Thresholds::SHALLOW);
+        let own = film(&mut cpu, asset_world("kerr.toml", &set), Precision::F32, 1);
+        for (other, film) in &films {
+            let difference = compare(film, &own);
+            assert!(!Thresholds::SHALLOW.hold(&difference), "{method} is not told from {other}: {difference:?}");
+        }
+        films.push((method, own));
     }
 }
 
