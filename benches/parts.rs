@@ -22,7 +22,7 @@ use nullray::backend::cpu::advance::{Launch, advance_curved};
 use nullray::backend::cpu::lanes::Lanes;
 use nullray::backend::cpu::step::{Course, ModelKernels, Scalar};
 use nullray::dispatch;
-use nullray::kernels::bvh::{EMPTY_STACK, Hit};
+use nullray::kernels::bvh::{Hit, Traverser};
 use nullray::kernels::camera::film_direction;
 use nullray::kernels::constants::{DIFFUSE_SPREAD, FAR, METHOD_NYSTROM};
 use nullray::kernels::integrator::{Charge, Model, ModelBlock, nystrom_step, rate_at, runge_kutta_step};
@@ -173,11 +173,11 @@ fn course_through<'a, T>(world: &'a World, model: &'a ModelBlock<T>) -> Course<'
 /// Follows every ray to its end as the backend does, on one thread; returns what that took.
 fn follow<T: Scalar>(course: &Course<T>, launches: &[Launch<T>], arrivals: &mut [Option<Arrival>]) -> Work {
     let (level, count) = (Level::new(), launches.len());
-    let mut stack = EMPTY_STACK;
+    let mut traverser = Traverser::new();
     dispatch!(level, simd => {
-        advance_curved(simd, course, &mut stack, count, |i| launches[i], |i, landing| arrivals[i] = Some(landing.arrival))
+        advance_curved(simd, course, &mut traverser, count, |i| launches[i], |i, landing| arrivals[i] = Some(landing.arrival))
     });
-    stack.work
+    traverser.work
 }
 
 // Traversal.

@@ -10,6 +10,7 @@
 #include "triangle.glsl"
 #include "sampling.glsl"
 #include "primitive.glsl"
+#include "curve.glsl"
 #include "bvh.glsl"
 #include "surface.glsl"
 #include "path.glsl"

@@ -11,7 +11,7 @@ use nullray::backend::cpu::advance::{Launch, advance_curved};
 use nullray::backend::cpu::step::Course;
 use nullray::backend::{Precision, Stop};
 use nullray::film::luminance;
-use nullray::kernels::bvh::EMPTY_STACK;
+use nullray::kernels::bvh::Traverser;
 use nullray::kernels::constants::*;
 use nullray::kernels::integrator::from_vec3;
 use nullray::kernels::light::{Vantage, sample_lights};
@@ -75,8 +75,8 @@ fn share_that_arrives(world: &World) -> f64 {
         let (origin, direction) = ray(i);
         Launch { origin: from_vec3(origin), direction: from_vec3(direction), speed: 1.0, sense: -1.0, side: 0, width: 1e-3, spread: 1e-3 }
     };
-    let (mut arrived, mut stack) = (0, EMPTY_STACK);
-    nullray::dispatch!(Level::new(), simd => advance_curved(simd, &course, &mut stack, count, launch, |_, landing| {
+    let (mut arrived, mut traverser) = (0, Traverser::new());
+    nullray::dispatch!(Level::new(), simd => advance_curved(simd, &course, &mut traverser, count, launch, |_, landing| {
         let arrival = landing.arrival;
         arrived += u32::from(arrival.status == STATUS_HIT && arrival.position.y > 1.0);
     }));

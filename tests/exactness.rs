@@ -10,7 +10,7 @@ use nullray::backend::cpu::advance::{Landing, Launch, advance_curved};
 use nullray::backend::cpu::step::{Course, Scalar};
 use nullray::cli::form_overrides;
 use nullray::dispatch;
-use nullray::kernels::bvh::EMPTY_STACK;
+use nullray::kernels::bvh::Traverser;
 use nullray::kernels::constants::{STATUS_ESCAPED, STATUS_EXHAUSTED, STATUS_HIT};
 use nullray::kernels::integrator::{ModelBlock, from_vec3};
 use nullray::kernels::path::start_path;
@@ -64,13 +64,13 @@ fn arrivals_in_parts<T: Scalar>(world: &World, part: usize) -> Vec<Arrival> {
         }
     };
     let (level, count) = (Level::new(), (width * height) as usize);
-    let mut stack = EMPTY_STACK;
+    let mut traverser = Traverser::new();
     let mut arrivals = vec![None; count];
     for first in (0..count).step_by(part.min(count)) {
         let some = part.min(count - first);
         dispatch!(level, simd => {
             let land = |i: usize, landing: Landing<T>| arrivals[first + i] = Some(landing.arrival);
-            advance_curved(simd, &course, &mut stack, some, |i| launch(first + i), land)
+            advance_curved(simd, &course, &mut traverser, some, |i| launch(first + i), land)
         });
     }
     arrivals.into_iter().map(Option::unwrap).collect()

@@ -8,10 +8,11 @@ use nullray::backend::cpu::CpuBackend;
 use nullray::backend::{Backend, Precision};
 use nullray::film::compare::{Thresholds, compare};
 use nullray::film::{Film, luminance};
-use nullray::kernels::bvh::{EMPTY_STACK, Hit, closest_hit, curve_point, deviation, hermite, hit_position, slabs, straight, whole_chord};
+use nullray::kernels::bvh::{Hit, Query, Traverser};
 use nullray::kernels::camera::sample_filter;
 use nullray::kernels::clearance::clearance_at;
 use nullray::kernels::constants::*;
+use nullray::kernels::curve::{curve_point, deviation, hermite, whole_chord};
 use nullray::kernels::material::{Bsdf, evaluate_bsdf, sample_bsdf};
 use nullray::kernels::path::{BouncePairs, Scattering, draw_direction};
 use nullray::kernels::rng::{pixel_seed, random_pair};
@@ -704,25 +705,30 @@ fn comparison_notices_wrong_films() {
     assert!(!Thresholds::SHALLOW.hold(&difference), "1% more mass: {difference:?}");
 }
 
+/// Closest hits of straight rays by the tree, in the order of the rays.
+fn closest_hits(view: &SceneView, rays: &[(glam::Vec3, glam::Vec3)]) -> Vec<Hit> {
+    let mut hits = vec![Hit::none(0.0); rays.len()];
+    let queries = rays.iter().map(|&(origin, direction)| Query::straight(origin, direction, view.scene_root(0))).enumerate();
+    nullray::dispatch!(fearless_simd::Level::new(), simd => Traverser::new().closest_hits(simd, view, queries, |i, _, hit| hits[i] = hit));
+    hits
+}
+
 /// The tree finds what testing every triangle finds.
 #[test]
 fn bvh_equals_brute_force() {
     let world: World = asset_world("benchmark.toml", &["spacetime.kind=flat"]);
     let view = world.view();
-    let level = fearless_simd::Level::new();
+    let rays: Vec<(glam::Vec3, glam::Vec3)> = (0..2000u32)
+        .map(|k| {
+            let (a, b, c) = (random_pair(3, 0, k), random_pair(3, 1, k), random_pair(3, 2, k));
+            let origin = glam::vec3(6.0 * a.x - 3.0, 3.0 * a.y, 6.0 * b.x - 3.0);
+            let target = glam::vec3(1.6 * b.y - 0.8, 0.4 + 1.4 * c.x, 1.6 * c.y - 0.8);
+            (origin, (target - origin).normalize())
+        })
+        .collect();
     let mut hits = 0;
-    for k in 0..2000u32 {
-        let (a, b, c) = (random_pair(3, 0, k), random_pair(3, 1, k), random_pair(3, 2, k));
-        let origin = glam::vec3(6.0 * a.x - 3.0, 3.0 * a.y, 6.0 * b.x - 3.0);
-        let target = glam::vec3(1.6 * b.y - 0.8, 0.4 + 1.4 * c.x, 1.6 * c.y - 0.8);
-        let direction = (target - origin).normalize();
-        let mut hit = Hit::none(1e30);
-        let mut stack = EMPTY_STACK;
-        nullray::dispatch!(level, simd => {
-            let ray = straight(origin, direction);
-            closest_hit(simd, &view, &ray, &slabs((), &ray), 0, &mut stack, &mut hit)
-        });
-        let mut best = 1e30f32;
+    for (k, (&(origin, direction), hit)) in rays.iter().zip(closest_hits(&view, &rays)).enumerate() {
+        let mut best = FAR;
         for block in &world.blocks {
             for lane in 0..8 {
                 let at = |v: &[[f32; 8]; 3]| [v[0][lane], v[1][lane], v[2][lane]];
@@ -746,8 +752,8 @@ fn bvh_equals_brute_force() {
                 best = t;
             }
         }
-        hits += u32::from(best < 1e30);
-        let same = (hit.t - best).abs() <= 1e-5 * best || (hit.primitive == NO_INDEX && best == 1e30);
+        hits += u32::from(best < FAR);
+        let same = (hit.t - best).abs() <= 1e-5 * best || (hit.primitive == NO_INDEX && best == FAR);
         assert!(same, "ray {k}: {} against {best}", hit.t);
     }
     assert!(hits > 1500, "{hits}");
@@ -800,17 +806,15 @@ fn clearance_is_a_lower_bound() {
     for set in [&hole[..], &center] {
         let world: World = asset_world("benchmark.toml", set);
         let view = world.view();
-        let mut stack = EMPTY_STACK;
         // Where random rays meet surfaces.
-        let surface_point = |k: u32| {
-            let (origin, target) = (scene_point(k), scene_point(k + 1));
-            let (ray, mut hit) = (straight(origin, (target - origin).normalize()), Hit::none(1e30));
-            nullray::dispatch!(fearless_simd::Level::new(), simd => {
-                closest_hit(simd, &view, &ray, &slabs((), &ray), 0, &mut stack, &mut hit)
-            });
-            (hit.primitive != NO_INDEX).then(|| hit_position(&ray, hit.t))
-        };
-        let surfaces: Vec<glam::Vec3> = (0..4000).filter_map(surface_point).collect();
+        let rays: Vec<(glam::Vec3, glam::Vec3)> = (0..4000)
+            .map(|k| {
+                let (origin, target) = (scene_point(k), scene_point(k + 1));
+                (origin, (target - origin).normalize())
+            })
+            .collect();
+        let hits = closest_hits(&view, &rays).into_iter().zip(&rays).filter(|(hit, _)| hit.primitive != NO_INDEX);
+        let surfaces: Vec<glam::Vec3> = hits.map(|(hit, &(origin, direction))| origin + direction * hit.t).collect();
         assert!(surfaces.len() > 2000, "{}", surfaces.len());
         let (mut clear, mut free) = (0.0, 0.0);
         for point in (10_000..12_000).map(scene_point) {

@@ -31,7 +31,7 @@ fn functions(text: &str, glsl: bool) -> BTreeSet<String> {
 #[test]
 fn twins_have_the_same_functions() {
     // (stem, functions that one language alone needs)
-    let twins: [(&str, &[&str]); 15] = [
+    let twins: [(&str, &[&str]); 16] = [
         // A pair per lane.
         ("rng", &["random_pairs"]),
         ("sampling", &[]),
@@ -40,8 +40,9 @@ fn twins_have_the_same_functions() {
         // Built into GLSL, but not for four vectors at once.
         ("triangle", &["dot", "cross", "lanes", "lanes_dot", "lanes_cross"]),
         ("primitive", &[]),
-        // Lanes ask the root before they traverse alone; GLSL packs entries of the stack, and sorts them in registers.
-        ("bvh", &["meets_root", "stack_entry", "entry_start", "entry_end", "order_entries", "sort_entries"]),
+        ("curve", &[]),
+        // Lanes ask the root before they traverse, many at once; GLSL follows one segment and orders entries two by two.
+        ("bvh", &["enter_root", "closest_hit", "entry_spans", "entry_child", "nearest", "order_entries"]),
         // Built into GLSL as `length`.
         ("clearance", &["grid_length"]),
         // The first two are constructors in GLSL. The others keep stages out of memory there.

@@ -5,7 +5,7 @@
 
 use fearless_simd::{Level, Simd, dispatch};
 use glam::{Vec3, vec3};
-use nullray::kernels::bvh::{EMPTY_STACK, Hit, closest_hit, slabs, straight};
+use nullray::kernels::bvh::{Hit, Query, Traverser};
 use nullray::kernels::constants::NO_INDEX;
 use nullray::kernels::rng::{hash, unit_float};
 use nullray::kernels::sampling::{sample_cosine, world_from_frame};
@@ -183,7 +183,7 @@ pub fn diffuse_rays(mesh: &Mesh, view: &SceneView, rays: &[Ray], hits: &[Hit]) -
     bounced
 }
 
-/// Finds the closest hit of every straight ray, one by one; `hits` holds a hit per ray that any closer one replaces.
+/// Finds the closest hit of every straight ray.
 pub fn closest_hits(level: Level, view: &SceneView, rays: &[Ray], hits: &mut [Hit]) {
     dispatch!(level, simd => trace_all(simd, view, rays, hits));
 }
@@ -191,9 +191,6 @@ pub fn closest_hits(level: Level, view: &SceneView, rays: &[Ray], hits: &mut [Hi
 /// [`closest_hits`] on the registers of one instruction set.
 #[inline(always)]
 fn trace_all<S: Simd>(simd: S, view: &SceneView, rays: &[Ray], hits: &mut [Hit]) {
-    let mut stack = EMPTY_STACK;
-    for (ray, hit) in rays.iter().zip(hits) {
-        let ray = straight(ray.origin, ray.direction);
-        closest_hit(simd, view, &ray, &slabs((), &ray), 0, &mut stack, hit);
-    }
+    let queries = rays.iter().map(|ray| Query::straight(ray.origin, ray.direction, view.scene_root(0))).enumerate();
+    Traverser::new().closest_hits(simd, view, queries, |i, _, hit| hits[i] = hit);
 }

@@ -1,41 +1,27 @@
-//! Closest hit of a straight or curved segment with the scene.
+//! Closest hits of segments with the scene.
 //!
-//! A curved segment is a cubic x(s) = start + c1 s + c2 s^2 + c3 s^3, s in [0, 1] (the dense output of one integration step). It is
-//! traversed once, as its chord with all boxes extended by how far the curve strays from the chord at equal s, along each axis and to
-//! each side by itself: a curve that bends down needs boxes to reach up. So if the curve is inside a box at s, the chord is inside the
-//! extended box at the same s. At a leaf the curve is cut into `chords` pieces and only those that overlap the box in s are tested.
+//! A curved segment is traversed once, as its chord with all boxes extended by how far the curve strays from the chord at equal s, along
+//! each axis and to each side by itself: a curve that bends down needs boxes to reach up. So if the curve is inside a box at s, the chord
+//! is inside the extended box at the same s. At a leaf only those of its pieces that overlap the box in s are tested.
+//!
+//! A segment alone keeps a processor waiting: for the memory of the next node, and for branches that nobody can foresee. So many are under
+//! way at once, each asks for the memory it needs next and lets the others go on, and what was met is sorted without a branch.
 
 use super::constants::*;
-use super::integrator::along;
+use super::curve::{Curve, curve_point, deviation, straight, whole_chord};
 use super::layout::BvhNode;
 use super::primitive::intersect_primitive;
-use super::triangle::{dot, intersect_triangle};
+use super::triangle::intersect_triangle;
 use super::view::SceneView;
 use super::work::Work;
-use crate::simd::{Lane, load3, splat3};
-use fearless_simd::{Simd, f32x8};
+use crate::simd::{Lane, MAX_LANES, Real, load3, splat3};
+use bytemuck::Zeroable;
+use fearless_simd::{Bytes as _, Simd, SimdBase, SimdMask as _, SimdSplit as _, f32x8, f64x2, mask32x8, u32x4, u32x8, u64x2};
 use glam::Vec3;
-
-/// A straight ray (`chords` = 1, c2 = c3 = 0) or a curved step, one or one per lane.
-#[derive(Clone, Copy, Debug)]
-pub struct Curve<L> {
-    /// Start point.
-    pub start: [L; 3],
-    /// Coefficient of s.
-    pub c1: [L; 3],
-    /// Coefficient of s^2.
-    pub c2: [L; 3],
-    /// Coefficient of s^3.
-    pub c3: [L; 3],
-    /// Pieces the curve is cut into, a whole number.
-    pub chords: L,
-    /// Distance between the curve and those pieces' chords at equal s that is wanted; more if there may not be so many pieces. Boxes are
-    /// extended by it too, so that a flat one has some thickness.
-    pub tolerance: L,
-}
+use std::hint::select_unpredictable;
 
 /// The closest meeting point so far.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Zeroable)]
 pub struct Hit {
     /// Curve parameter; only closer hits are taken.
     pub t: f32,
@@ -55,98 +41,11 @@ impl Hit {
     }
 }
 
-/// The straight ray origin + s direction.
-#[inline(always)]
-pub fn straight(origin: Vec3, direction: Vec3) -> Curve<f32> {
-    Curve { start: origin.into(), c1: direction.into(), c2: [0.0; 3], c3: [0.0; 3], chords: 1.0, tolerance: 0.0 }
-}
-
-/// The cubic with end points `start` and `end` and end tangents `tangent0` and `tangent1` (derivatives by s), not cut yet.
-#[inline(always)]
-pub fn hermite<L: Lane>(token: L::Token, start: [L; 3], end: [L; 3], tangent0: [L; 3], tangent1: [L; 3]) -> Curve<L> {
-    let (two, three) = (L::constant(token, 2.0), L::constant(token, 3.0));
-    let mut curve =
-        Curve { start, c1: tangent0, c2: start, c3: start, chords: L::constant(token, 1.0), tolerance: L::constant(token, 0.0) };
-    for i in 0..3 {
-        let chord = end[i] - start[i];
-        curve.c2[i] = chord * three - tangent0[i] * two - tangent1[i];
-        curve.c3[i] = tangent0[i] + tangent1[i] - chord * two;
-    }
-    curve
-}
-
-/// Point of the curve at parameter `s`.
-#[inline(always)]
-pub fn curve_point<L: Lane>(curve: &Curve<L>, s: L) -> [L; 3] {
-    along(curve.start, along(curve.c1, along(curve.c2, curve.c3, s), s), s)
-}
-
-/// Derivative of the curve at parameter `s`.
-#[inline(always)]
-pub fn curve_tangent<L: Lane>(token: L::Token, curve: &Curve<L>, s: L) -> [L; 3] {
-    let [x, y, z] = curve.c2;
-    let twice = [x + x, y + y, z + z];
-    along(curve.c1, along(twice, curve.c3, s * L::constant(token, 3.0)), s)
-}
-
-/// From the start of the curve to its end.
-#[inline(always)]
-pub fn whole_chord<L: Lane>(curve: &Curve<L>) -> [L; 3] {
-    let Curve { c1, c2, c3, .. } = curve;
-    [c1[0] + c2[0] + c3[0], c1[1] + c2[1] + c3[1], c1[2] + c2[2] + c3[2]]
-}
-
-/// The part of the curve from `from` to `to`, cut so that no chord strays from it by more than `tolerance`, into `MAX_CHORDS` at most.
-#[inline(always)]
-pub fn cut_span<L: Lane>(token: L::Token, curve: &Curve<L>, from: L, to: L, tolerance: L) -> Curve<L> {
-    let (one, three) = (L::constant(token, 1.0), L::constant(token, 3.0));
-    let w = to - from;
-    let (mut c1, mut c2, mut c3) = (curve_tangent(token, curve, from), along(curve.c2, curve.c3, from * three), curve.c3);
-    for i in 0..3 {
-        c1[i] = c1[i] * w;
-        c2[i] = c2[i] * (w * w);
-        c3[i] = c3[i] * (w * w * w);
-    }
-    let c2_end = along(c2, c3, three);
-    // The sagitta of a chord is an eighth of the largest second derivative.
-    let sagitta = dot(c2, c2).max(dot(c2_end, c2_end)).sqrt() * L::constant(token, 0.25);
-    let chords = -(-(sagitta / tolerance).sqrt()).floor();
-    let chords = chords.max(one).min(L::constant(token, f64::from(MAX_CHORDS)));
-    Curve { start: curve_point(curve, from), c1, c2, c3, chords, tolerance }
-}
-
-/// Point where the chords of the curve were hit at parameter `t`.
-#[inline(always)]
-pub fn hit_position(curve: &Curve<f32>, t: f32) -> Vec3 {
-    if curve.chords == 1.0 {
-        return Vec3::from(curve.start) + Vec3::from(whole_chord(curve)) * t;
-    }
-    let count = curve.chords;
-    let j = (t * count).floor().min(count - 1.0);
-    let from = Vec3::from(curve_point(curve, j / count));
-    let to = Vec3::from(curve_point(curve, (j + 1.0) / count));
-    from + (to - from) * (t * count - j)
-}
-
-/// How far the curve strays from its chord at equal s, down and up along each axis. The difference is -s (1 - s) (c2 + c3 (1 + s)).
-#[inline(always)]
-pub fn deviation<L: Lane>(token: L::Token, curve: &Curve<L>) -> ([L; 3], [L; 3]) {
-    let (zero, two, quarter) = (L::constant(token, 0.0), L::constant(token, 2.0), L::constant(token, 0.25));
-    let (mut down, mut up) = (curve.c2, curve.c2);
-    for i in 0..3 {
-        let first = curve.c2[i] + curve.c3[i];
-        let last = curve.c3[i].mul_add(two, curve.c2[i]);
-        down[i] = first.max(last).max(zero).mul_add(quarter, curve.tolerance);
-        up[i] = (-first.min(last)).max(zero).mul_add(quarter, curve.tolerance);
-    }
-    (down, up)
-}
-
 /// A chord prepared for slab tests against boxes that are extended by how far the curve strays, one or one per lane.
 ///
 /// A plane is met at plane * inverse + offset: one operation where (plane - origin) * inverse takes two. The offsets are widened by
 /// their rounding error, so that no box is lost.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Zeroable)]
 pub struct Slabs<L> {
     /// Reciprocal of the chord.
     pub inverse: [L; 3],
@@ -176,15 +75,43 @@ pub fn slabs<L: Lane>(token: L::Token, curve: &Curve<L>) -> Slabs<L> {
     slabs
 }
 
-/// Lanes whose chord may meet a child of the scene's root.
+/// Where the chords of a register meet the children of the scene's root.
+#[derive(Zeroable)]
+#[repr(align(64))]
+pub struct RootSpans<T> {
+    /// Where the box of each child is entered, a row of lanes for each.
+    start: [[T; MAX_LANES]; NODE_CHILDREN],
+    /// Where it is left.
+    end: [[T; MAX_LANES]; NODE_CHILDREN],
+    /// Lanes that meet each child, as bits.
+    met: [u32; NODE_CHILDREN],
+    /// Lanes that meet a single child, as bits.
+    pub single: u32,
+}
+
+impl<T: Real> RootSpans<T> {
+    /// The child of the root that a lane of `single` meets, and where its box is entered and left.
+    #[inline(always)]
+    pub fn single_child(&self, view: &SceneView, lane: usize) -> (u32, (f32, f32)) {
+        let child = self.met.iter().position(|met| met >> lane & 1 == 1).unwrap_or(0);
+        let span = (self.start[child][lane].to_f32(), self.end[child][lane].to_f32());
+        (view.node(view.scene_root(0)).child[child], span)
+    }
+}
+
+/// Most children of a node.
+const NODE_CHILDREN: usize = 8;
+
+/// Tests chords against the children of the scene's root; returns the lanes that may meet one.
 #[inline(always)]
-pub fn meets_root<L: Lane>(token: L::Token, view: &SceneView, slabs: &Slabs<L>) -> u32 {
+pub fn enter_root<L: Lane>(token: L::Token, view: &SceneView, slabs: &Slabs<L>, spans: &mut RootSpans<L::Real>) -> u32 {
     let root = view.node(view.scene_root(0));
-    let mut met = 0;
-    for lane in (0..8).take_while(
-        #[inline(always)]
-        |&lane| root.child[lane] != NO_INDEX,
-    ) {
+    let (mut once, mut again) = (0, 0);
+    for lane in 0..NODE_CHILDREN {
+        if root.child[lane] == NO_INDEX {
+            spans.met[lane] = 0;
+            continue;
+        }
         let (mut near, mut far) = (L::constant(token, 0.0), L::constant(token, 1.0));
         for axis in 0..3 {
             let low = L::constant(token, f64::from(root.bounds[2 * axis][lane])) * slabs.inverse[axis];
@@ -192,135 +119,296 @@ pub fn meets_root<L: Lane>(token: L::Token, view: &SceneView, slabs: &Slabs<L>) 
             near = near.max(low.min(high) + slabs.near[axis]);
             far = far.min(low.max(high) + slabs.far[axis]);
         }
-        met |= !L::bits((far * L::constant(token, BOX_SLACK)).lt(near));
+        let met = !L::bits((far * L::constant(token, BOX_SLACK)).lt(near));
+        near.store(&mut spans.start[lane]);
+        far.store(&mut spans.end[lane]);
+        spans.met[lane] = met;
+        again |= once & met;
+        once |= met;
     }
-    met
+    spans.single = once & !again;
+    once
 }
 
 /// What the end of an interval is multiplied with before it is compared with the start.
 const BOX_SLACK: f64 = 1.0 + BOX_ROUNDING as f64;
 
-/// Parameters at which the extended boxes of a node's children are entered (left), and the mask of those met before `t_max`.
+/// Parameters at which the extended boxes of a node's children are entered and left, and those that are met before `t_max`.
 #[inline(always)]
-fn intersect_node<S: Simd>(simd: S, node: &BvhNode, ray: &SlabRay<S>, t_max: f32) -> ([f32; 8], [f32; 8], u32) {
+fn intersect_node<S: Simd>(
+    simd: S,
+    node: &BvhNode,
+    slabs: &Slabs<f32>,
+    near_plane: [u32; 3],
+    t_max: f32,
+) -> (f32x8<S>, f32x8<S>, mask32x8<S>) {
     let mut near = <f32x8<S> as Lane>::splat(simd, 0.0);
     let mut far = <f32x8<S> as Lane>::splat(simd, t_max);
-    for axis in 0..3 {
-        let entry = <f32x8<S> as Lane>::load(simd, &node.bounds[ray.near_plane[axis]]);
-        let exit = <f32x8<S> as Lane>::load(simd, &node.bounds[ray.near_plane[axis] ^ 1]);
-        near = Lane::max(near, Lane::mul_add(entry, ray.slabs.inverse[axis], ray.slabs.near[axis]));
-        far = Lane::min(far, Lane::mul_add(exit, ray.slabs.inverse[axis], ray.slabs.far[axis]));
+    for (axis, first) in near_plane.into_iter().enumerate() {
+        let first = first as usize;
+        let entry = <f32x8<S> as Lane>::load(simd, &node.bounds[first]);
+        let exit = <f32x8<S> as Lane>::load(simd, &node.bounds[first ^ 1]);
+        let splat = |value: f32| <f32x8<S> as Lane>::splat(simd, value);
+        near = Lane::max(near, Lane::mul_add(entry, splat(slabs.inverse[axis]), splat(slabs.near[axis])));
+        far = Lane::min(far, Lane::mul_add(exit, splat(slabs.inverse[axis]), splat(slabs.far[axis])));
     }
     let slack = <f32x8<S> as Lane>::constant(simd, BOX_SLACK);
-    let missed = <f32x8<S> as Lane>::bits((far * slack).lt(near));
-    let mut nears = [0.0; 8];
-    let mut fars = [0.0; 8];
-    near.store(&mut nears);
-    far.store(&mut fars);
-    (nears, fars, !missed & 0xff)
+    (near, far, !(far * slack).lt(near))
 }
 
-/// Slabs in every lane, and the plane of each axis that is met first.
-struct SlabRay<S: Simd> {
-    near_plane: [usize; 3],
-    slabs: Slabs<f32x8<S>>,
+/// What is visited next: a child of a node, and where its box is entered (rounded down) and left (rounded up), as the upper halves of two
+/// floats above it. So entries sort by where they are entered, as whole numbers and as doubles; 0 is none.
+type StackEntry = u64;
+
+/// The entry of a child whose box is met from `start`, which must not be negative, to `end`.
+#[inline(always)]
+fn stack_entry(child: u32, start: f32, end: f32) -> StackEntry {
+    u64::from((start.to_bits() & 0x7fff_0000) | (end.to_bits().wrapping_add(0xffff) >> 16)) << 32 | u64::from(child)
 }
 
-impl<S: Simd> SlabRay<S> {
+/// The upper words of eight entries.
+#[inline(always)]
+fn entry_spans<S: Simd>(start: f32x8<S>, end: f32x8<S>) -> u32x8<S> {
+    let (start, end): (u32x8<S>, u32x8<S>) = (start.bitcast(), end.bitcast());
+    (start & 0x7fff_0000) | ((end + 0xffff) >> 16)
+}
+
+/// The child of an entry.
+#[inline(always)]
+fn entry_child(entry: StackEntry) -> u32 {
+    entry as u32
+}
+
+/// Where the box of an entry is entered.
+#[inline(always)]
+fn entry_start(entry: StackEntry) -> f32 {
+    f32::from_bits((entry >> 32) as u32 & 0xffff_0000)
+}
+
+/// Where it is left.
+#[inline(always)]
+fn entry_end(entry: StackEntry) -> f32 {
+    f32::from_bits(((entry >> 32) as u32) << 16)
+}
+
+/// Sorts four entries, the farthest first.
+#[inline(always)]
+fn sort_entries<S: Simd>(a: f64x2<S>, b: f64x2<S>) -> [f64x2<S>; 2] {
+    // The farther and the nearer of two pairs; side by side, those pairs crosswise; then only the middle two may be out of order.
+    let (far, near) = (SimdBase::max(a, b), SimdBase::min(a, b));
+    let (first, second) = far.interleave(near);
+    let (far, near) = (SimdBase::max(first, second), SimdBase::min(first, second));
+    let middle = far.zip_high(far);
+    [far.zip_low(SimdBase::max(near, middle)), SimdBase::min(near, middle)]
+}
+
+/// A segment to be looked up.
+#[derive(Clone, Copy, Debug)]
+pub struct Query {
+    /// The segment.
+    pub curve: Curve<f32>,
+    /// Its chord, prepared.
+    pub slabs: Slabs<f32>,
+    /// The node or leaf it is looked up in, as a child reference.
+    pub child: u32,
+    /// Parameters at which the box of that is entered and left.
+    pub span: (f32, f32),
+    /// Only hits before this parameter are taken: 1 for a curved step.
+    pub t_max: f32,
+}
+
+impl Query {
+    /// The straight ray origin + t direction, t below `FAR`, from a root of the tree on.
     #[inline(always)]
-    fn new(simd: S, slabs: &Slabs<f32>) -> Self {
-        let Slabs { inverse, near, far } = *slabs;
-        let near_plane = [usize::from(inverse[0] < 0.0), 2 + usize::from(inverse[1] < 0.0), 4 + usize::from(inverse[2] < 0.0)];
-        SlabRay { near_plane, slabs: Slabs { inverse: splat3(simd, inverse), near: splat3(simd, near), far: splat3(simd, far) } }
+    pub fn straight(origin: Vec3, direction: Vec3, root: u32) -> Self {
+        let curve = straight(origin, direction);
+        Query { curve, slabs: slabs((), &curve), child: root, span: (0.0, FAR), t_max: FAR }
     }
 }
 
-/// Scratch space of traversals, and what they have done.
-pub struct TraversalStack {
-    /// Children waiting to be visited: what, and the interval of the curve parameter in which its box is met.
-    waiting: [(u32, f32, f32); STACK_SIZE as usize],
-    /// What was done with this stack.
-    pub work: Work,
-}
-
-/// Entries are counted modulo the size, which is a power of two: an index that cannot be out of range needs no check.
+/// Entries that are written beyond the top of the stack, most of them never read.
+const OVERHANG: usize = NODE_CHILDREN;
+/// Entries are counted modulo the size of the stack, which is a power of two: an index that cannot be out of range needs no check.
 const TOP: usize = STACK_SIZE as usize - 1;
 const _: () = assert!(STACK_SIZE.is_power_of_two());
 
-/// An empty stack; its first entry is the sentinel that ends a traversal.
-pub const EMPTY_STACK: TraversalStack =
-    TraversalStack { waiting: [(NO_INDEX, 0.0, 0.0); STACK_SIZE as usize], work: Work::from_counts([0; 6]) };
+/// A segment on its way down the tree.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Zeroable)]
+struct Descent {
+    slabs: Slabs<f32>,
+    /// The plane of each axis that is met first.
+    near_plane: [u32; 3],
+    /// What is visited next; its child is `NO_INDEX` at the end.
+    next: StackEntry,
+    /// Entries that wait.
+    top: usize,
+    /// Number of the segment.
+    index: usize,
+    hit: Hit,
+    curve: Curve<f32>,
+    /// What waits, of each node the nearest on top, above an entry of `NO_INDEX`.
+    stack: [StackEntry; STACK_SIZE as usize + OVERHANG],
+}
 
-/// Finds the closest hit of `curve`, whose chord is prepared as `slabs`, before `hit.t`, on one side of a wormhole. For a curved step
-/// `hit.t` starts at 1.
-///
-/// `stack` is scratch space, [`EMPTY_STACK`] at first; the caller keeps it because clearing it costs as much as a short ray.
-#[inline(always)]
-pub fn closest_hit<S: Simd>(
-    simd: S,
-    view: &SceneView,
-    curve: &Curve<f32>,
-    slabs: &Slabs<f32>,
-    side: u32,
-    stack: &mut TraversalStack,
-    hit: &mut Hit,
-) {
-    let TraversalStack { waiting: stack, work } = stack;
-    work.chords += 1;
-    let ray = SlabRay::new(simd, slabs);
-    let mut top = 1;
-    let mut child = view.scene_root(side);
-    let mut enter = 0.0f32;
-    let mut exit = hit.t;
-    loop {
-        if child < CHILD_PRIMITIVE {
-            work.nodes += 1;
-            let (nears, fars, mut mask) = intersect_node(simd, view.node(child), &ray, hit.t);
-            if mask != 0 {
-                let node = view.node(child);
-                let first = mask.trailing_zeros() as usize;
-                mask &= mask - 1;
-                let mut nearest = (node.child[first], nears[first], fars[first]);
-                // Keep the nearest child in hand, the others on the stack with the nearest on top.
-                let bottom = top;
-                while mask != 0 {
-                    let lane = mask.trailing_zeros() as usize;
-                    mask &= mask - 1;
-                    let mut entry = (node.child[lane], nears[lane], fars[lane]);
-                    if entry.1 < nearest.1 {
-                        std::mem::swap(&mut entry, &mut nearest);
-                    }
-                    let mut at = top;
-                    while at > bottom && stack[(at - 1) & TOP].1 < entry.1 {
-                        stack[at & TOP] = stack[(at - 1) & TOP];
-                        at -= 1;
-                    }
-                    stack[at & TOP] = entry;
-                    view.prefetch(entry.0);
-                    top += 1;
+impl Descent {
+    #[inline(always)]
+    fn start(&mut self, index: usize, query: &Query) {
+        let inverse = query.slabs.inverse;
+        self.slabs = query.slabs;
+        self.near_plane = [u32::from(inverse[0] < 0.0), 2 + u32::from(inverse[1] < 0.0), 4 + u32::from(inverse[2] < 0.0)];
+        self.next = stack_entry(query.child, query.span.0, query.span.1);
+        self.stack[0] = NO_INDEX.into();
+        self.top = 1;
+        self.index = index;
+        self.hit = Hit::none(query.t_max);
+        self.curve = query.curve;
+    }
+
+    /// Whether it is at a node, and not at a leaf or its end.
+    #[inline(always)]
+    fn at_node(&self) -> bool {
+        entry_child(self.next) < CHILD_PRIMITIVE
+    }
+
+    /// Whether there is nothing left to visit.
+    #[inline(always)]
+    fn is_over(&self) -> bool {
+        entry_child(self.next) == NO_INDEX
+    }
+
+    /// Tests the children of the node it is at; those met wait, and the nearest of all that wait is next.
+    #[inline(always)]
+    fn visit_node<S: Simd>(&mut self, simd: S, view: &SceneView) {
+        let node = view.node(entry_child(self.next));
+        let (start, end, met) = intersect_node(simd, node, &self.slabs, self.near_plane, self.hit.t);
+        let count = met.to_bitmask().count_ones() as usize;
+        let spans = entry_spans(start, end).compress(met).split();
+        let children = u32x8::from_slice(simd, &node.child).compress(met).split();
+        let entries = |(a, b): (u32x4<S>, u32x4<S>)| [a.bitcast::<f64x2<S>>(), b.bitcast()];
+        let put = |to: &mut [StackEntry], [a, b]: [f64x2<S>; 2]| {
+            a.bitcast::<u64x2<S>>().store_slice(&mut to[..2]);
+            b.bitcast::<u64x2<S>>().store_slice(&mut to[2..4]);
+        };
+        let top = self.top & TOP;
+        let above = &mut self.stack[top..top + OVERHANG];
+        let [a, b] = entries(children.0.interleave(spans.0));
+        put(above, sort_entries(a, b));
+        // More than four are rare.
+        if count > 4 {
+            put(&mut above[4..], entries(children.1.interleave(spans.1)));
+            for i in 4..count {
+                let mut at = i;
+                while at > 0 && above[at - 1] < above[at] {
+                    above.swap(at - 1, at);
+                    at -= 1;
                 }
-                (child, enter, exit) = nearest;
-                continue;
-            }
-        } else {
-            let tested = intersect_leaf(simd, view, curve, child, enter, exit, hit);
-            if child & CHILD_BLOCK == 0 {
-                work.primitives += tested;
-            } else {
-                work.blocks += tested;
             }
         }
-        // Take the nearest waiting child that still may hold a closer hit.
+        self.top += count;
+        self.take_next(view);
+    }
+
+    /// Tests what the leaf it is at holds; the nearest of all that wait is next. Counts what was tested.
+    #[inline(always)]
+    fn visit_leaf<S: Simd>(&mut self, simd: S, view: &SceneView, work: &mut Work) {
+        let child = entry_child(self.next);
+        let tested = intersect_leaf(simd, view, &self.curve, child, entry_start(self.next), entry_end(self.next), &mut self.hit);
+        if child & CHILD_BLOCK == 0 {
+            work.primitives += tested;
+        } else {
+            work.blocks += tested;
+        }
+        self.take_next(view);
+    }
+
+    /// Takes the nearest entry that still may hold a closer hit, and asks for its memory.
+    #[inline(always)]
+    fn take_next(&mut self, view: &SceneView) {
+        // All that are entered before the hit, or at it to the precision of an entry.
+        let limit = u64::from(self.hit.t.to_bits() | 0xffff) << 32 | u64::from(NO_INDEX);
         loop {
-            top -= 1;
-            (child, enter, exit) = stack[top & TOP];
-            if child == NO_INDEX {
-                return;
-            }
-            if enter <= hit.t {
+            self.top -= 1;
+            self.next = self.stack[self.top & TOP];
+            if self.next <= limit {
                 break;
             }
         }
+        view.prefetch(entry_child(self.next));
+    }
+}
+
+/// Segments under way at once.
+const DESCENTS: usize = 32;
+
+/// Looks segments up in the BVH.
+pub struct Traverser {
+    descents: Box<[Descent; DESCENTS]>,
+    /// What was done.
+    pub work: Work,
+}
+
+impl Traverser {
+    /// One that has done nothing yet.
+    pub fn new() -> Self {
+        Traverser { descents: bytemuck::zeroed_box(), work: Work::default() }
+    }
+
+    /// Finds the closest hit of each of `queries`, which come with a number, and hands it to `found` with that number, in any order.
+    #[inline(always)]
+    pub fn closest_hits<S: Simd>(
+        &mut self,
+        simd: S,
+        view: &SceneView,
+        mut queries: impl Iterator<Item = (usize, Query)>,
+        mut found: impl FnMut(usize, &Curve<f32>, Hit),
+    ) {
+        let Traverser { descents, work } = self;
+        // Descents that are at a node, and those that are at a leaf or at their end.
+        let (mut at_nodes, mut at_leaves) = ([0u8; DESCENTS], [0u8; DESCENTS]);
+        let (mut nodes, mut leaves) = (0, 0);
+        macro_rules! line_up {
+            ($slot:expr, $descent:expr) => {
+                // Written to both, counted in one: which cannot be foreseen.
+                (at_nodes[nodes % DESCENTS], at_leaves[leaves % DESCENTS]) = ($slot, $slot);
+                nodes += usize::from($descent.at_node());
+                leaves += usize::from(!$descent.at_node());
+            };
+        }
+        for (slot, (index, query)) in queries.by_ref().take(DESCENTS).enumerate() {
+            let descent = &mut descents[slot];
+            descent.start(index, &query);
+            line_up!(slot as u8, descent);
+        }
+        work.chords += (nodes + leaves) as u64;
+        while nodes + leaves > 0 {
+            work.nodes += nodes as u64;
+            for i in 0..std::mem::take(&mut nodes) {
+                let slot = at_nodes[i % DESCENTS];
+                let descent = &mut descents[usize::from(slot) % DESCENTS];
+                descent.visit_node(simd, view);
+                line_up!(slot, descent);
+            }
+            for i in 0..std::mem::take(&mut leaves) {
+                let slot = at_leaves[i % DESCENTS];
+                let descent = &mut descents[usize::from(slot) % DESCENTS];
+                if descent.is_over() {
+                    found(descent.index, &descent.curve, descent.hit);
+                    let Some((index, query)) = queries.next() else { continue };
+                    descent.start(index, &query);
+                    work.chords += 1;
+                } else {
+                    descent.visit_leaf(simd, view, work);
+                }
+                line_up!(slot, descent);
+            }
+        }
+    }
+}
+
+impl Default for Traverser {
+    fn default() -> Self {
+        Self::new()
     }
 }
 
@@ -383,23 +471,21 @@ fn intersect_chord<S: Simd>(
         load3(simd, &block.edge2),
         Lane::splat(simd, t_max),
     );
-    let mut mask = <f32x8<S> as Lane>::bits(found.mask);
-    if mask == 0 {
-        return false;
-    }
-    let [mut t, mut u, mut v] = [[0.0; 8]; 3];
-    found.t.store(&mut t);
+    let met = <f32x8<S> as Lane>::bits(found.mask);
+    let (t, lane) = nearest(Lane::select(found.mask, found.t, Lane::splat(simd, FAR)));
+    let [mut u, mut v] = [[0.0; 8]; 2];
     found.u.store(&mut u);
     found.v.store(&mut v);
-    let mut best = mask.trailing_zeros() as usize;
-    mask &= mask - 1;
-    while mask != 0 {
-        let lane = mask.trailing_zeros() as usize;
-        mask &= mask - 1;
-        if t[lane] < t[best] {
-            best = lane;
-        }
-    }
-    *hit = Hit { t: (j + t[best]) / count, primitive: 8 * index + best as u32, u: u[best], v: v[best] };
-    true
+    let closer = Hit { t: (j + t) / count, primitive: 8 * index + lane as u32, u: u[lane], v: v[lane] };
+    *hit = select_unpredictable(met != 0, closer, *hit);
+    met != 0
+}
+
+/// The least of eight numbers, and the first lane that has it.
+#[inline(always)]
+fn nearest<S: Simd>(t: f32x8<S>) -> (f32, usize) {
+    let (low, high) = t.split();
+    let [a, b, c, d] = SimdBase::min(low, high).to_array();
+    let least = Lane::min(Lane::min(a, b), Lane::min(c, d));
+    (least, t.simd_eq(least).to_bitmask().trailing_zeros() as usize % 8)
 }

@@ -4,8 +4,8 @@
 //! small near it, where steps are short. A lookup takes the finest level that holds the point. Positions are given from the focus in
 //! cells of the coarsest level: on level l they are 2^l times that, and the focus has the same place among the cells of every level.
 
-use super::bvh::{Curve, curve_point};
 use super::constants::*;
+use super::curve::{Curve, curve_point};
 use super::integrator::along;
 use super::triangle::dot;
 use super::view::SceneView;

@@ -4,6 +4,7 @@ pub mod bvh;
 pub mod camera;
 pub mod clearance;
 pub mod constants;
+pub mod curve;
 pub mod integrator;
 pub mod layout;
 pub mod light;

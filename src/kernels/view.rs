@@ -1,8 +1,14 @@
 //! What kernels read of a world, through the same accessors as `shaders/bindings.glsl`.
 
-use super::constants::{CHILD_BLOCK, CHILD_INDEX, CHILD_PRIMITIVE};
+use super::constants::{CHILD_BLOCK, CHILD_INDEX};
 use super::layout::*;
 use glam::{Vec2, Vec4};
+#[cfg(target_arch = "x86_64")]
+use std::hint::select_unpredictable;
+
+/// Nodes of a tree that second-level caches hold.
+#[cfg(target_arch = "x86_64")]
+const SMALL_TREE: usize = 4096;
 
 /// Borrowed arrays of a world.
 #[derive(Clone, Copy)]
@@ -54,21 +60,20 @@ impl SceneView<'_> {
     pub fn node(&self, index: u32) -> &BvhNode {
         &self.nodes[index as usize]
     }
-    /// Asks for the memory of a child that may be visited soon.
+    /// Asks for the memory of a child that will be visited soon, if it is a node or a block of triangles of a tree that caches do not hold.
     #[inline(always)]
     pub fn prefetch(&self, child: u32) {
         #[cfg(target_arch = "x86_64")]
         {
             use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+            if self.nodes.len() < SMALL_TREE {
+                return;
+            }
             let index = (child & CHILD_INDEX) as usize;
-            let (start, size) = if child & CHILD_BLOCK != 0 {
-                (self.blocks.as_ptr().wrapping_add(index).cast::<i8>(), size_of::<TriangleBlock>())
-            } else if child & CHILD_PRIMITIVE != 0 {
-                (self.primitives.as_ptr().wrapping_add(index).cast::<i8>(), size_of::<Primitive>())
-            } else {
-                (self.nodes.as_ptr().wrapping_add(index).cast::<i8>(), size_of::<BvhNode>())
-            };
-            for line in (0..size).step_by(64) {
+            let node = self.nodes.as_ptr().wrapping_add(index).cast::<i8>();
+            let block = self.blocks.as_ptr().wrapping_add(index).cast::<i8>();
+            let start = select_unpredictable(child & CHILD_BLOCK != 0, block, node);
+            for line in (0..size_of::<TriangleBlock>()).step_by(64) {
                 // SAFETY: a prefetch reads nothing that a program can see and does not fault, whatever the address.
                 unsafe { _mm_prefetch::<_MM_HINT_T0>(start.wrapping_add(line)) };
             }

@@ -2,15 +2,17 @@
 
 use super::edges::*;
 use super::ended::Ended;
-use super::lanes::Lanes;
+use super::lanes::{Lanes, lanes_of};
 use super::solo::{Observed, Solo};
 use super::step::*;
 use super::waiting::Waiting;
 use crate::backend::Stop;
-use crate::kernels::bvh::{Hit, TraversalStack, closest_hit, hit_position};
+use crate::kernels::bvh::{Hit, Query, Traverser};
 use crate::kernels::constants::*;
+use crate::kernels::curve::{Curve, hit_position};
 use crate::kernels::integrator::*;
 use crate::kernels::surface::Arrival;
+use crate::simd::MAX_LANES;
 use crate::spacetime::Class;
 use fearless_simd::Simd;
 use glam::Vec3;
@@ -56,17 +58,21 @@ pub struct Landing<T> {
 pub fn advance_straight<S: Simd, T: Scalar>(
     simd: S,
     course: &Course<T>,
-    stack: &mut TraversalStack,
+    traverser: &mut Traverser,
     count: usize,
     launch: impl Fn(usize) -> Launch<T>,
     mut land: impl FnMut(usize, Landing<T>),
 ) {
-    for index in 0..count {
+    let ray = |index: usize| {
         let ray = launch(index);
-        let mut solo = Solo::new(ray.origin, ray.direction, ray.side);
-        let status = solo.cross(simd, course, stack);
+        Solo::new(ray.origin, ray.direction, ray.side)
+    };
+    let ways = (0..count).map(|index| (index, ray(index).straight_on(&course.view)));
+    traverser.closest_hits(simd, &course.view, ways, |index, _, hit| {
+        let mut solo = ray(index);
+        let status = solo.cross(hit);
         land(index, solo.landing(status, &Observed::flat()));
-    }
+    });
 }
 
 /// Traces `count` rays through the world's model, `T::WIDTH` at a time.
@@ -74,7 +80,7 @@ pub fn advance_straight<S: Simd, T: Scalar>(
 pub fn advance_curved<S: Simd, T: Scalar>(
     simd: S,
     course: &Course<T>,
-    stack: &mut TraversalStack,
+    traverser: &mut Traverser,
     count: usize,
     launch: impl Fn(usize) -> Launch<T>,
     mut land: impl FnMut(usize, Landing<T>),
@@ -94,7 +100,7 @@ pub fn advance_curved<S: Simd, T: Scalar>(
         // Fill the lanes that are free.
         let mut free = !live & ((1u32 << T::WIDTH) - 1);
         while free != 0 {
-            if waiting.ready == 0 && !waiting.fill(simd, course, &functions, &kernels, stack, count, &launch, &mut land) {
+            if waiting.ready == 0 && !waiting.fill(simd, course, &functions, &kernels, traverser, count, &launch, &mut land) {
                 break;
             }
             let (lane, from) = (free.trailing_zeros() as usize, waiting.ready.trailing_zeros() as usize);
@@ -129,26 +135,25 @@ pub fn advance_curved<S: Simd, T: Scalar>(
         if scene.region_sharp != 0 {
             accepted &= !beyond_edge(course, &mut lanes, masks.outside & accepted);
         }
-        stack.work.steps += u64::from(live.count_ones());
-        stack.work.skips += u64::from((accepted & !masks.occupied).count_ones());
+        traverser.work.steps += u64::from(live.count_ones());
+        traverser.work.skips += u64::from((accepted & !masks.occupied).count_ones());
         let (looked_up, met) = (masks.occupied & accepted, masks.met & accepted);
         for i in 0..T::WIDTH {
             lanes.steps[i] += 1;
             lanes.chords[i] += looked_up >> i & 1;
         }
-        stack.work.pass_root(looked_up & !met);
+        traverser.work.pass_root(looked_up & !met);
 
         // Look for hits along the steps that may meet something.
-        let mut todo = met;
-        while todo != 0 {
-            let i = todo.trailing_zeros() as usize;
-            todo &= todo - 1;
-            if let Some((s, hit)) = meet(simd, course, stack, &lanes, i) {
-                let landed = Solo::at_hit(&lanes, i, s, hit);
-                ended.add(course, &functions, &lanes, i, landed, STATUS_HIT);
-                live &= !(1 << i);
-                if ended.is_full() {
-                    ended.report(simd, course, &functions, &kernels, &mut land);
+        if met != 0 {
+            let hits = meet(simd, course, traverser, &lanes, met);
+            for i in lanes_of(met) {
+                if let Some(hit) = hits[i] {
+                    ended.add(course, &functions, &lanes, i, Solo::at_hit(&lanes, i, hit), STATUS_HIT);
+                    live &= !(1 << i);
+                    if ended.is_full() {
+                        ended.report(simd, course, &functions, &kernels, &mut land);
+                    }
                 }
             }
         }
@@ -168,51 +173,68 @@ pub fn advance_curved<S: Simd, T: Scalar>(
             worn_out |= u32::from(lanes.steps[i] >= scene.max_steps) << i;
         }
         let moved = accepted & live;
-        let mut todo = moved & (captured | masks.outside | reached) | live & worn_out;
-        while todo != 0 {
-            let i = todo.trailing_zeros() as usize;
-            todo &= todo - 1;
+        let leaving = moved & masks.outside & !masks.crossed & !(reached | captured);
+        let over = moved & (captured | reached) | leaving | live & worn_out;
+        if over == 0 {
+            continue;
+        }
+        let mut ways_out = [Hit::none(FAR); MAX_LANES];
+        if scene.region_strength == 0.0 {
+            let ways = lanes_of(leaving).map(|i| (i, Solo::of_lane(&lanes, i).straight_on(&course.view)));
+            traverser.closest_hits(simd, &course.view, ways, |i, _, hit| ways_out[i] = hit);
+        }
+        for i in lanes_of(over) {
             let is = |mask: u32| (moved & mask) >> i & 1 == 1;
-            let mut solo = None;
+            let mut solo = Solo::of_lane(&lanes, i);
             let status = if is(reached) {
-                Some(STATUS_STOPPED)
+                STATUS_STOPPED
             } else if is(captured) {
-                Some(STATUS_CAPTURED)
-            } else if is(masks.outside) && masks.crossed >> i & 1 == 0 {
-                let mut leaving = Solo::of_lane(&lanes, i);
-                let status = leaving.leave(simd, course, stack);
-                solo = Some(leaving);
-                Some(status)
-            } else if worn_out >> i & 1 == 1 {
-                Some(STATUS_EXHAUSTED)
+                STATUS_CAPTURED
+            } else if is(leaving) && scene.region_strength == 0.0 {
+                solo.cross(ways_out[i])
+            } else if is(leaving) {
+                solo.escape(course);
+                STATUS_ESCAPED
             } else {
-                None
+                STATUS_EXHAUSTED
             };
-            if let Some(status) = status {
-                let solo = solo.unwrap_or_else(|| Solo::of_lane(&lanes, i));
-                ended.add(course, &functions, &lanes, i, solo, status);
-                live &= !(1 << i);
-                if ended.is_full() {
-                    ended.report(simd, course, &functions, &kernels, &mut land);
-                }
+            ended.add(course, &functions, &lanes, i, solo, status);
+            live &= !(1 << i);
+            if ended.is_full() {
+                ended.report(simd, course, &functions, &kernels, &mut land);
             }
         }
     }
 }
 
-/// The first hit along the piece of lane `i`, and the share of the whole step at which it is.
-#[inline(always)]
+/// The first hits along the pieces of the lanes of `met`, by lane, and where they are.
+#[inline(never)]
 pub(super) fn meet<S: Simd, T: Scalar>(
     simd: S,
     course: &Course<T>,
-    stack: &mut TraversalStack,
+    traverser: &mut Traverser,
     lanes: &Lanes<T>,
-    i: usize,
-) -> Option<(T, (Hit, Vec3))> {
-    let (from, to) = (lanes.next.from[i].to_f32(), lanes.next.to[i].to_f32());
-    let (curve, slabs) = lanes.next.pieces.of_lane(i);
-    let mut hit = Hit::none(1.0);
-    closest_hit(simd, &course.view, &curve, &slabs, lanes.side[i], stack, &mut hit);
-    let share = T::from_f64(f64::from(from + (to - from) * hit.t));
-    (hit.primitive != NO_INDEX).then(|| (share, (hit, hit_position(&curve, hit.t))))
+    met: u32,
+) -> [Option<(Hit, Vec3)>; MAX_LANES] {
+    let (view, pieces) = (&course.view, &lanes.next.pieces);
+    let mut hits = [None; MAX_LANES];
+    // The way of most begins below the root, which has been tested.
+    let below = if course.scene.far_root == 0 { met & pieces.root.single } else { 0 };
+    traverser.work.nodes += u64::from(below.count_ones());
+    let queries = lanes_of(met).map(|i| {
+        let (curve, slabs) = pieces.of_lane(i);
+        let from_root = (view.scene_root(lanes.side[i]), (0.0, 1.0));
+        let (child, span) = if below >> i & 1 == 1 { pieces.root.single_child(view, i) } else { from_root };
+        (i, Query { curve, slabs, child, span, t_max: 1.0 })
+    });
+    let found = |i: usize, curve: &Curve<f32>, hit: Hit| {
+        if hit.primitive != NO_INDEX {
+            hits[i] = Some((hit, hit_position(curve, hit.t)));
+        }
+    };
+    simd.vectorize(
+        #[inline(always)]
+        || traverser.closest_hits(simd, view, queries, found),
+    );
+    hits
 }

@@ -1,13 +1,27 @@
 //! The state of rays in flight, a row of numbers for each of its parts, a lane for each ray.
 
 use super::step::Scalar;
-use crate::kernels::bvh::{Curve, Slabs};
+use crate::kernels::bvh::{RootSpans, Slabs};
+use crate::kernels::curve::Curve;
 use crate::kernels::integrator::Flight;
 use crate::simd::{Lane, MAX_LANES, load3};
 use bytemuck::Zeroable;
 
 /// A number per lane.
 pub type Row<T> = [T; MAX_LANES];
+
+/// The lanes of a mask, the first first.
+#[inline(always)]
+pub fn lanes_of(mut mask: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(
+        #[inline(always)]
+        move || {
+            let lane = mask.trailing_zeros() as usize;
+            mask &= mask.wrapping_sub(1);
+            (lane < MAX_LANES).then_some(lane)
+        },
+    )
+}
 
 /// State of the rays in flight, and where the step in hand leads.
 #[derive(Zeroable)]
@@ -106,6 +120,8 @@ pub struct Pieces<T> {
     inverse: [Row<T>; 3],
     near: [Row<T>; 3],
     far: [Row<T>; 3],
+    /// Where they meet the root of the BVH.
+    pub root: RootSpans<T>,
 }
 
 impl<T: Scalar> Pieces<T> {
@@ -191,6 +207,13 @@ impl<T: Scalar> Lanes<T> {
             L::select(moves, before + L::load(token, gain), before).store(row);
         }
         self.h = next.h;
+    }
+
+    /// The share of the whole step of lane `i` at parameter `t` of its piece.
+    #[inline(always)]
+    pub fn share(&self, i: usize, t: f32) -> T {
+        let (from, to) = (self.next.from[i].to_f32(), self.next.to[i].to_f32());
+        T::from_f64(f64::from(from + (to - from) * t))
     }
 
     /// Puts the ray in lane `from` of `other` into lane `to`.

@@ -14,7 +14,7 @@ use super::{Backend, Canvas, Development, Precision, Prepared, RawLanding, Stop,
 use crate::dispatch;
 use crate::error::{Error, Result};
 use crate::film::{Film, PixelSum, Statistics, add_sample};
-use crate::kernels::bvh::{EMPTY_STACK, TraversalStack};
+use crate::kernels::bvh::Traverser;
 use crate::kernels::constants::*;
 use crate::kernels::integrator::ModelBlock;
 use crate::kernels::layout::{Aov, SceneParameters};
@@ -85,15 +85,15 @@ impl Advance for f64 {
 fn advance<T: Scalar>(
     level: Level,
     course: &Course<T>,
-    stack: &mut TraversalStack,
+    traverser: &mut Traverser,
     count: usize,
     launch: impl Fn(usize) -> Launch<T>,
     land: impl FnMut(usize, Landing<T>),
 ) {
     if course.kind == ModelKind::Flat {
-        dispatch!(level, simd => advance_straight(simd, course, stack, count, launch, land))
+        dispatch!(level, simd => advance_straight(simd, course, traverser, count, launch, land))
     } else {
-        dispatch!(level, simd => advance_curved(simd, course, stack, count, launch, land))
+        dispatch!(level, simd => advance_curved(simd, course, traverser, count, launch, land))
     }
 }
 
@@ -187,8 +187,8 @@ impl CpuBackend {
                     spread: 0.0,
                 }
             };
-            let mut stack = EMPTY_STACK;
-            advance(level, &course, &mut stack, rays.len(), launch, |i, landing| {
+            let mut traverser = Traverser::new();
+            advance(level, &course, &mut traverser, rays.len(), launch, |i, landing| {
                 let raw = RawLanding {
                     status: landing.arrival.status,
                     primitive: landing.arrival.primitive,
@@ -228,7 +228,7 @@ struct Shared<'a, T> {
 struct Scratch {
     paths: Vec<PathState>,
     arrivals: Vec<Option<Arrival>>,
-    stack: TraversalStack,
+    traverser: Traverser,
 }
 
 impl<T: Advance> Shared<'_, T> {
@@ -237,7 +237,7 @@ impl<T: Advance> Shared<'_, T> {
         let mut statistics = Statistics::default();
         let rows = sums.len() / self.width;
         let columns = (BATCH / rows).max(1);
-        let mut scratch = Scratch { paths: Vec::with_capacity(BATCH), arrivals: Vec::with_capacity(BATCH), stack: EMPTY_STACK };
+        let mut scratch = Scratch { paths: Vec::with_capacity(BATCH), arrivals: Vec::with_capacity(BATCH), traverser: Traverser::new() };
         for first in (0..self.width).step_by(columns) {
             let columns = columns.min(self.width - first);
             let pixels: Vec<Pixel> = (0..rows * columns)
@@ -305,12 +305,12 @@ impl<T: Advance> Shared<'_, T> {
                     spread: path.spread,
                 }
             };
-            advance(self.level, &course, &mut scratch.stack, active.len(), launch, |i, landing| {
+            advance(self.level, &course, &mut scratch.traverser, active.len(), launch, |i, landing| {
                 arrivals[i] = Some(landing.arrival);
             });
             course.drift = false;
             clock.lap(&stages.advance, Some(bounce));
-            let work = std::mem::take(&mut scratch.stack.work);
+            let work = std::mem::take(&mut scratch.traverser.work);
             if self.counting {
                 self.count(bounce, pixels.len(), &scratch.arrivals, work);
             }

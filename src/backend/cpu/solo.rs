@@ -4,12 +4,12 @@ use super::advance::Landing;
 use super::edges::region_center;
 use super::lanes::{Lanes, Row};
 use super::step::*;
-use crate::kernels::bvh::{Hit, TraversalStack, closest_hit, hit_position, slabs, straight};
+use crate::kernels::bvh::{Hit, Query};
 use crate::kernels::constants::*;
 use crate::kernels::integrator::*;
 use crate::kernels::surface::Arrival;
 use crate::kernels::triangle::dot;
-use fearless_simd::Simd;
+use crate::kernels::view::SceneView;
 use glam::Vec3;
 
 /// The scalar part of a ray: its place, and what it has met.
@@ -83,11 +83,11 @@ impl<T: Scalar> Solo<T> {
         }
     }
 
-    /// Lane `i` where it met a surface at the share `s` of its step: momentum from the cubic through both ends.
+    /// Lane `i` where the piece of its step met a surface: momentum from the cubic through both ends.
     #[inline(always)]
-    pub fn at_hit(lanes: &Lanes<T>, i: usize, s: T, hit: (Hit, Vec3)) -> Self {
+    pub fn at_hit(lanes: &Lanes<T>, i: usize, hit: (Hit, Vec3)) -> Self {
         let mut solo = Self::of_lane(lanes, i);
-        let h = lanes.h[i];
+        let (h, s) = (lanes.h[i], lanes.share(i, hit.0.t));
         let (one, two, three) = (T::from_f64(1.0), T::from_f64(2.0), T::from_f64(3.0));
         let rest = one - s;
         for axis in 0..3 {
@@ -101,18 +101,21 @@ impl<T: Scalar> Solo<T> {
         solo
     }
 
-    /// Goes straight to a hit, or away.
+    /// Its straight way from here on, to be looked up.
     #[inline(always)]
-    pub fn cross<S: Simd>(&mut self, simd: S, course: &Course<T>, stack: &mut TraversalStack) -> u32 {
-        let curve = straight(to_vec3(self.x), to_vec3(self.d));
-        let mut hit = Hit::none(FAR);
+    pub fn straight_on(&self, view: &SceneView) -> Query {
+        Query::straight(to_vec3(self.x), to_vec3(self.d), view.scene_root(self.side))
+    }
+
+    /// Goes straight to a hit, or away if there is none; returns how it ends.
+    #[inline(always)]
+    pub fn cross(&mut self, hit: Hit) -> u32 {
         self.chords += 1;
-        closest_hit(simd, &course.view, &curve, &slabs((), &curve), self.side, stack, &mut hit);
         if hit.primitive == NO_INDEX {
             return STATUS_ESCAPED;
         }
         self.length = self.length + T::from_f64(f64::from(hit.t));
-        self.hit = Some((hit, hit_position(&curve, hit.t)));
+        self.hit = Some((hit, to_vec3(self.x) + to_vec3(self.d) * hit.t));
         STATUS_HIT
     }
 
@@ -122,17 +125,12 @@ impl<T: Scalar> Solo<T> {
         self.hit.map_or(self.x, |(_, position)| from_vec3(position))
     }
 
-    /// Leaves the region outward: straight on past whatever is there, or along the asymptote of the far field.
+    /// Leaves a region around which nothing is: along the asymptote of the far field.
     #[inline(always)]
-    pub fn leave<S: Simd>(&mut self, simd: S, course: &Course<T>, stack: &mut TraversalStack) -> u32 {
-        let scene = course.scene;
-        if scene.region_strength != 0.0 {
-            let center = region_center::<T>(course);
-            let from_center = [self.x[0] - center[0], self.x[1] - center[1], self.x[2] - center[2]];
-            self.d = asymptote(from_center, self.d, T::from_f64(f64::from(scene.region_strength)));
-            return STATUS_ESCAPED;
-        }
-        self.cross(simd, course, stack)
+    pub fn escape(&mut self, course: &Course<T>) {
+        let center = region_center::<T>(course);
+        let from_center = [self.x[0] - center[0], self.x[1] - center[1], self.x[2] - center[2]];
+        self.d = asymptote(from_center, self.d, T::from_f64(f64::from(course.scene.region_strength)));
     }
 
     /// The ray as it ended.

@@ -2,9 +2,10 @@
 
 use super::lanes::{Ends, Lanes, Pieces, Row};
 use crate::backend::Stop;
-use crate::kernels::bvh::{Curve, cut_span, hermite, meets_root, slabs};
+use crate::kernels::bvh::{enter_root, slabs};
 use crate::kernels::clearance::{grid_curve, occupied_span};
 use crate::kernels::constants::*;
+use crate::kernels::curve::{Curve, cut_span, hermite};
 use crate::kernels::integrator::*;
 use crate::kernels::layout::SceneParameters;
 use crate::kernels::triangle::dot;
@@ -344,5 +345,6 @@ pub fn prepare_pieces<L: Lane<Real = T>, T: Scalar>(
     let piece = cut_span(token, curve, from, to, cone * L::constant(token, f64::from(course.scene.chord_tolerance)));
     let prepared = slabs(token, &piece);
     pieces.store(&piece, &prepared);
-    if course.scene.far_root == 0 { meets_root(token, &course.view, &prepared) } else { u32::MAX }
+    let met = enter_root(token, &course.view, &prepared, &mut pieces.root);
+    if course.scene.far_root == 0 { met } else { u32::MAX }
 }

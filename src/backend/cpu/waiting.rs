@@ -2,15 +2,16 @@
 
 use super::advance::{Landing, Launch, meet};
 use super::edges::{region_center, stop_distance};
-use super::lanes::{Lanes, Row};
+use super::lanes::{Lanes, Row, lanes_of};
 use super::solo::{Observed, Solo};
 use super::step::*;
 use crate::backend::Stop;
-use crate::kernels::bvh::{Curve, TraversalStack};
+use crate::kernels::bvh::{Hit, Traverser};
 use crate::kernels::clearance::{grid_curve, occupied_span};
 use crate::kernels::constants::*;
+use crate::kernels::curve::Curve;
 use crate::kernels::integrator::*;
-use crate::simd::{Lane, load3, splat3, store3};
+use crate::simd::{Lane, MAX_LANES, load3, splat3, store3};
 use fearless_simd::Simd;
 
 /// Rays that were launched together and wait for lanes that are free.
@@ -38,7 +39,7 @@ impl<T: Scalar> Waiting<T> {
         course: &Course<T>,
         functions: &PointFunctions<T>,
         kernels: &ModelKernels<S, T>,
-        stack: &mut TraversalStack,
+        traverser: &mut Traverser,
         count: usize,
         launch: &impl Fn(usize) -> Launch<T>,
         land: &mut impl FnMut(usize, Landing<T>),
@@ -57,7 +58,7 @@ impl<T: Scalar> Waiting<T> {
                 self.ready |= 1 << i;
                 self.next += 1;
             }
-            self.approach::<T::Register<S>, S>(simd, course, stack, land);
+            self.approach::<T::Register<S>, S>(simd, course, traverser, land);
         }
         if self.ready == 0 {
             return false;
@@ -79,7 +80,7 @@ impl<T: Scalar> Waiting<T> {
         &mut self,
         simd: S,
         course: &Course<T>,
-        stack: &mut TraversalStack,
+        traverser: &mut Traverser,
         land: &mut impl FnMut(usize, Landing<T>),
     ) {
         let lanes = &mut self.lanes;
@@ -104,21 +105,25 @@ impl<T: Scalar> Waiting<T> {
             // A straight way is its own chord, and needs next to no tolerance.
             let thin = L::constant(simd, f64::from(MIN_DIRECTION));
             met = occupied & prepare_pieces(simd, course, &curve, (from, to), thin, &mut lanes.next.pieces);
-            stack.work.pass_root(occupied & !met);
+            traverser.work.pass_root(occupied & !met);
         }
         from.store(&mut lanes.next.from);
         to.store(&mut lanes.next.to);
         way.store(&mut lanes.length);
-        let mut todo = met | passing;
-        while todo != 0 {
-            let i = todo.trailing_zeros() as usize;
-            todo &= todo - 1;
+        let solo = |lanes: &Lanes<T>, i: usize| {
             let at = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
-            let mut solo = Solo::new(at(&lanes.x), at(&lanes.p), lanes.side[i]);
+            Solo::new(at(&lanes.x), at(&lanes.p), lanes.side[i])
+        };
+        let mut ways_past = [Hit::none(FAR); MAX_LANES];
+        let ways = lanes_of(passing).map(|i| (i, solo(lanes, i).straight_on(&course.view)));
+        traverser.closest_hits(simd, &course.view, ways, |i, _, hit| ways_past[i] = hit);
+        let hits = meet(simd, course, traverser, lanes, met);
+        for i in lanes_of(met | passing) {
+            let mut solo = solo(lanes, i);
             let status = if passing >> i & 1 == 1 {
-                solo.cross(simd, course, stack)
-            } else if let Some((s, hit)) = meet(simd, course, stack, lanes, i) {
-                (solo.length, solo.chords, solo.hit) = (lanes.length[i] * s, 1, Some(hit));
+                solo.cross(ways_past[i])
+            } else if let Some(hit) = hits[i] {
+                (solo.length, solo.chords, solo.hit) = (lanes.length[i] * lanes.share(i, hit.0.t), 1, Some(hit));
                 STATUS_HIT
             } else {
                 continue;
