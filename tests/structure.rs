@@ -41,7 +41,8 @@ fn twins_have_the_same_functions() {
         ("triangle", &["dot", "cross", "lanes", "lanes_dot", "lanes_cross"]),
         ("primitive", &[]),
         ("curve", &[]),
-        // Lanes ask the root before they traverse, many at once; GLSL follows one segment and orders entries two by two.
+        // Lanes ask the root before they traverse, many at once, and sort four entries in registers; GLSL follows one segment and sorts
+        // eight, two by two.
         ("bvh", &["enter_root", "closest_hit", "entry_spans", "entry_child", "nearest", "order_entries"]),
         // Built into GLSL as `length`.
         ("clearance", &["grid_length"]),

@@ -90,12 +90,15 @@ pub struct RootSpans<T> {
 }
 
 impl<T: Real> RootSpans<T> {
-    /// The child of the root that a lane of `single` meets, and where its box is entered and left.
+    /// The child of the root that a lane meets, and where its box is entered and left; none if it meets several.
     #[inline(always)]
-    pub fn single_child(&self, view: &SceneView, lane: usize) -> (u32, (f32, f32)) {
-        let child = self.met.iter().position(|met| met >> lane & 1 == 1).unwrap_or(0);
+    pub fn single_child(&self, view: &SceneView, lane: usize) -> Option<(u32, (f32, f32))> {
+        if self.single >> lane & 1 == 0 {
+            return None;
+        }
+        let child = self.met.iter().position(|met| met >> lane & 1 == 1)?;
         let span = (self.start[child][lane].to_f32(), self.end[child][lane].to_f32());
-        (view.node(view.scene_root(0)).child[child], span)
+        Some((view.node(view.scene_root(0)).child[child], span))
     }
 }
 
@@ -107,22 +110,22 @@ const NODE_CHILDREN: usize = 8;
 pub fn enter_root<L: Lane>(token: L::Token, view: &SceneView, slabs: &Slabs<L>, spans: &mut RootSpans<L::Real>) -> u32 {
     let root = view.node(view.scene_root(0));
     let (mut once, mut again) = (0, 0);
-    for lane in 0..NODE_CHILDREN {
-        if root.child[lane] == NO_INDEX {
-            spans.met[lane] = 0;
+    for i in 0..NODE_CHILDREN {
+        if root.child[i] == NO_INDEX {
+            spans.met[i] = 0;
             continue;
         }
         let (mut near, mut far) = (L::constant(token, 0.0), L::constant(token, 1.0));
         for axis in 0..3 {
-            let low = L::constant(token, f64::from(root.bounds[2 * axis][lane])) * slabs.inverse[axis];
-            let high = L::constant(token, f64::from(root.bounds[2 * axis + 1][lane])) * slabs.inverse[axis];
+            let low = L::constant(token, f64::from(root.bounds[2 * axis][i])) * slabs.inverse[axis];
+            let high = L::constant(token, f64::from(root.bounds[2 * axis + 1][i])) * slabs.inverse[axis];
             near = near.max(low.min(high) + slabs.near[axis]);
             far = far.min(low.max(high) + slabs.far[axis]);
         }
         let met = !L::bits((far * L::constant(token, BOX_SLACK)).lt(near));
-        near.store(&mut spans.start[lane]);
-        far.store(&mut spans.end[lane]);
-        spans.met[lane] = met;
+        near.store(&mut spans.start[i]);
+        far.store(&mut spans.end[i]);
+        spans.met[i] = met;
         again |= once & met;
         once |= met;
     }
@@ -142,7 +145,8 @@ fn intersect_node<S: Simd>(
     near_plane: [u32; 3],
     t_max: f32,
 ) -> (f32x8<S>, f32x8<S>, mask32x8<S>) {
-    let mut near = <f32x8<S> as Lane>::splat(simd, 0.0);
+    // Not 0, so that entries are normal doubles, which are in order whatever a processor makes of others.
+    let mut near = <f32x8<S> as Lane>::splat(simd, f32::MIN_POSITIVE);
     let mut far = <f32x8<S> as Lane>::splat(simd, t_max);
     for (axis, first) in near_plane.into_iter().enumerate() {
         let first = first as usize;
@@ -157,20 +161,25 @@ fn intersect_node<S: Simd>(
 }
 
 /// What is visited next: a child of a node, and where its box is entered (rounded down) and left (rounded up), as the upper halves of two
-/// floats above it. So entries sort by where they are entered, as whole numbers and as doubles; 0 is none.
+/// floats above it. So entries sort by where they are entered, as whole numbers and, if that is not 0, as doubles; 0 is none.
 type StackEntry = u64;
+
+/// The bits of a float that an entry keeps of where a box is entered, and by how much that where it is left is rounded up. The sign of
+/// -0 would lead entries astray.
+const START_BITS: u32 = 0x7fff_0000;
+const END_ROUNDING: u32 = 0xffff;
 
 /// The entry of a child whose box is met from `start`, which must not be negative, to `end`.
 #[inline(always)]
 fn stack_entry(child: u32, start: f32, end: f32) -> StackEntry {
-    u64::from((start.to_bits() & 0x7fff_0000) | (end.to_bits().wrapping_add(0xffff) >> 16)) << 32 | u64::from(child)
+    u64::from((start.to_bits() & START_BITS) | (end.to_bits().wrapping_add(END_ROUNDING) >> 16)) << 32 | u64::from(child)
 }
 
 /// The upper words of eight entries.
 #[inline(always)]
 fn entry_spans<S: Simd>(start: f32x8<S>, end: f32x8<S>) -> u32x8<S> {
     let (start, end): (u32x8<S>, u32x8<S>) = (start.bitcast(), end.bitcast());
-    (start & 0x7fff_0000) | ((end + 0xffff) >> 16)
+    (start & START_BITS) | ((end + END_ROUNDING) >> 16)
 }
 
 /// The child of an entry.
@@ -182,7 +191,7 @@ fn entry_child(entry: StackEntry) -> u32 {
 /// Where the box of an entry is entered.
 #[inline(always)]
 fn entry_start(entry: StackEntry) -> f32 {
-    f32::from_bits((entry >> 32) as u32 & 0xffff_0000)
+    f32::from_bits((entry >> 32) as u32 & START_BITS)
 }
 
 /// Where it is left.
@@ -226,13 +235,13 @@ impl Query {
     }
 }
 
-/// Entries that are written beyond the top of the stack, most of them never read.
+/// Room above the stack for the entries that every visit writes, met or not.
 const OVERHANG: usize = NODE_CHILDREN;
 /// Entries are counted modulo the size of the stack, which is a power of two: an index that cannot be out of range needs no check.
-const TOP: usize = STACK_SIZE as usize - 1;
+const TOP_MASK: usize = STACK_SIZE as usize - 1;
 const _: () = assert!(STACK_SIZE.is_power_of_two());
 
-/// A segment on its way down the tree.
+/// A segment on its way down the tree. What a visit of a node reads comes first, in as few cache lines as there may be.
 #[repr(C, align(64))]
 #[derive(Clone, Copy, Zeroable)]
 struct Descent {
@@ -290,7 +299,7 @@ impl Descent {
             a.bitcast::<u64x2<S>>().store_slice(&mut to[..2]);
             b.bitcast::<u64x2<S>>().store_slice(&mut to[2..4]);
         };
-        let top = self.top & TOP;
+        let top = self.top & TOP_MASK;
         let above = &mut self.stack[top..top + OVERHANG];
         let [a, b] = entries(children.0.interleave(spans.0));
         put(above, sort_entries(a, b));
@@ -329,7 +338,7 @@ impl Descent {
         let limit = u64::from(self.hit.t.to_bits() | 0xffff) << 32 | u64::from(NO_INDEX);
         loop {
             self.top -= 1;
-            self.next = self.stack[self.top & TOP];
+            self.next = self.stack[self.top & TOP_MASK];
             if self.next <= limit {
                 break;
             }
@@ -360,10 +369,11 @@ impl Traverser {
         &mut self,
         simd: S,
         view: &SceneView,
-        mut queries: impl Iterator<Item = (usize, Query)>,
+        queries: impl Iterator<Item = (usize, Query)>,
         mut found: impl FnMut(usize, &Curve<f32>, Hit),
     ) {
         let Traverser { descents, work } = self;
+        let mut queries = queries.fuse();
         // Descents that are at a node, and those that are at a leaf or at their end.
         let (mut at_nodes, mut at_leaves) = ([0u8; DESCENTS], [0u8; DESCENTS]);
         let (mut nodes, mut leaves) = (0, 0);
@@ -371,8 +381,9 @@ impl Traverser {
             ($slot:expr, $descent:expr) => {
                 // Written to both, counted in one: which cannot be foreseen.
                 (at_nodes[nodes % DESCENTS], at_leaves[leaves % DESCENTS]) = ($slot, $slot);
-                nodes += usize::from($descent.at_node());
-                leaves += usize::from(!$descent.at_node());
+                let at_node = usize::from($descent.at_node());
+                nodes += at_node;
+                leaves += 1 - at_node;
             };
         }
         for (slot, (index, query)) in queries.by_ref().take(DESCENTS).enumerate() {

@@ -1,4 +1,4 @@
-//! Rays from launch to landing: straight ones one by one, curved ones as lanes of a register with finished lanes refilled.
+//! Rays from launch to landing: straight ones in one stream, curved ones as lanes of a register with finished lanes refilled.
 
 use super::edges::*;
 use super::ended::Ended;
@@ -207,7 +207,7 @@ pub fn advance_curved<S: Simd, T: Scalar>(
     }
 }
 
-/// The first hits along the pieces of the lanes of `met`, by lane, and where they are.
+/// The first hits along the pieces of the lanes of `met`, by lane, and where they are. Compiled once for all its callers.
 #[inline(never)]
 pub(super) fn meet<S: Simd, T: Scalar>(
     simd: S,
@@ -223,8 +223,8 @@ pub(super) fn meet<S: Simd, T: Scalar>(
     traverser.work.nodes += u64::from(below.count_ones());
     let queries = lanes_of(met).map(|i| {
         let (curve, slabs) = pieces.of_lane(i);
-        let from_root = (view.scene_root(lanes.side[i]), (0.0, 1.0));
-        let (child, span) = if below >> i & 1 == 1 { pieces.root.single_child(view, i) } else { from_root };
+        let entry = if below == 0 { None } else { pieces.root.single_child(view, i) };
+        let (child, span) = entry.unwrap_or((view.scene_root(lanes.side[i]), (0.0, 1.0)));
         (i, Query { curve, slabs, child, span, t_max: 1.0 })
     });
     let found = |i: usize, curve: &Curve<f32>, hit: Hit| {

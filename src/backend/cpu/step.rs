@@ -345,6 +345,5 @@ pub fn prepare_pieces<L: Lane<Real = T>, T: Scalar>(
     let piece = cut_span(token, curve, from, to, cone * L::constant(token, f64::from(course.scene.chord_tolerance)));
     let prepared = slabs(token, &piece);
     pieces.store(&piece, &prepared);
-    let met = enter_root(token, &course.view, &prepared, &mut pieces.root);
-    if course.scene.far_root == 0 { met } else { u32::MAX }
+    if course.scene.far_root == 0 { enter_root(token, &course.view, &prepared, &mut pieces.root) } else { u32::MAX }
 }

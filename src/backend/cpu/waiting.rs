@@ -110,16 +110,16 @@ impl<T: Scalar> Waiting<T> {
         from.store(&mut lanes.next.from);
         to.store(&mut lanes.next.to);
         way.store(&mut lanes.length);
-        let solo = |lanes: &Lanes<T>, i: usize| {
+        let starting = |lanes: &Lanes<T>, i: usize| {
             let at = |v: &[Row<T>; 3]| [v[0][i], v[1][i], v[2][i]];
             Solo::new(at(&lanes.x), at(&lanes.p), lanes.side[i])
         };
         let mut ways_past = [Hit::none(FAR); MAX_LANES];
-        let ways = lanes_of(passing).map(|i| (i, solo(lanes, i).straight_on(&course.view)));
+        let ways = lanes_of(passing).map(|i| (i, starting(lanes, i).straight_on(&course.view)));
         traverser.closest_hits(simd, &course.view, ways, |i, _, hit| ways_past[i] = hit);
         let hits = meet(simd, course, traverser, lanes, met);
         for i in lanes_of(met | passing) {
-            let mut solo = solo(lanes, i);
+            let mut solo = starting(lanes, i);
             let status = if passing >> i & 1 == 1 {
                 solo.cross(ways_past[i])
             } else if let Some(hit) = hits[i] {
