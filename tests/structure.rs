@@ -43,7 +43,7 @@ fn twins_have_the_same_functions() {
         ("curve", &[]),
         // Lanes ask the root before they traverse, many at once, and sort four entries in registers; GLSL follows one segment and sorts
         // eight, two by two.
-        ("bvh", &["enter_root", "closest_hit", "entry_spans", "entry_child", "nearest", "order_entries"]),
+        ("bvh", &["enter_root", "closest_hit", "entry_spans", "met_entries", "entry_child", "nearest", "order_entries"]),
         // Built into GLSL as `length`.
         ("clearance", &["grid_length"]),
         // The first two are constructors in GLSL. The others keep stages out of memory there.

@@ -1,5 +1,5 @@
 //! Closest hits by the BVH: on every instruction set, one at a time and many at once, from the root and from below it.
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test fails by panicking")]
 
 #[path = "../benches/support/displaced.rs"]
 #[allow(dead_code, reason = "benches use the rest")]

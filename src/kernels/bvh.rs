@@ -16,7 +16,7 @@ use super::view::SceneView;
 use super::work::Work;
 use crate::simd::{Lane, MAX_LANES, Real, load3, splat3};
 use bytemuck::Zeroable;
-use fearless_simd::{Bytes as _, Simd, SimdBase, SimdMask as _, SimdSplit as _, f32x8, f64x2, mask32x8, u32x4, u32x8, u64x2};
+use fearless_simd::{Bytes as _, Select as _, Simd, SimdBase, SimdMask as _, SimdSplit as _, f32x8, f64x2, mask32x8, u32x8, u64x2};
 use glam::Vec3;
 use std::hint::select_unpredictable;
 
@@ -200,6 +200,32 @@ fn entry_end(entry: StackEntry) -> f32 {
     f32::from_bits(((entry >> 32) as u32) << 16)
 }
 
+/// The entries of the children that are met, in the order of the children; 0 fills up.
+#[inline(always)]
+fn met_entries<S: Simd>(simd: S, spans: u32x8<S>, children: u32x8<S>, met: mask32x8<S>) -> [f64x2<S>; 4] {
+    let entries = |spans: u32x8<S>, children: u32x8<S>| {
+        let (spans, children) = (spans.split(), children.split());
+        let ((a, b), (c, d)) = (children.0.interleave(spans.0), children.1.interleave(spans.1));
+        [a.bitcast::<f64x2<S>>(), b.bitcast(), c.bitcast(), d.bitcast()]
+    };
+    // Where registers are shorter there is no instruction to bring lanes together.
+    if <S::f32s as SimdBase<S>>::LEN >= NODE_CHILDREN {
+        return entries(spans.compress(met), children.compress(met));
+    }
+    let none = <u32x8<S> as SimdBase<S>>::splat(simd, 0);
+    let [mut all, mut kept] = [[0.0; NODE_CHILDREN]; 2];
+    for (pair, to) in entries(met.select(spans, none), met.select(children, none)).into_iter().zip(all.chunks_exact_mut(2)) {
+        pair.store_slice(to);
+    }
+    let (bits, mut count) = (met.to_bitmask() as usize, 0);
+    for (i, entry) in all.into_iter().enumerate() {
+        kept[count] = entry;
+        count += bits >> i & 1;
+    }
+    let pair = |i: usize| f64x2::from_slice(simd, &kept[2 * i..2 * i + 2]);
+    [pair(0), pair(1), pair(2), pair(3)]
+}
+
 /// Sorts four entries, the farthest first.
 #[inline(always)]
 fn sort_entries<S: Simd>(a: f64x2<S>, b: f64x2<S>) -> [f64x2<S>; 2] {
@@ -292,20 +318,17 @@ impl Descent {
         let node = view.node(entry_child(self.next));
         let (start, end, met) = intersect_node(simd, node, &self.slabs, self.near_plane, self.hit.t);
         let count = met.to_bitmask().count_ones() as usize;
-        let spans = entry_spans(start, end).compress(met).split();
-        let children = u32x8::from_slice(simd, &node.child).compress(met).split();
-        let entries = |(a, b): (u32x4<S>, u32x4<S>)| [a.bitcast::<f64x2<S>>(), b.bitcast()];
+        let [a, b, c, d] = met_entries(simd, entry_spans(start, end), u32x8::from_slice(simd, &node.child), met);
         let put = |to: &mut [StackEntry], [a, b]: [f64x2<S>; 2]| {
             a.bitcast::<u64x2<S>>().store_slice(&mut to[..2]);
             b.bitcast::<u64x2<S>>().store_slice(&mut to[2..4]);
         };
         let top = self.top & TOP_MASK;
         let above = &mut self.stack[top..top + OVERHANG];
-        let [a, b] = entries(children.0.interleave(spans.0));
         put(above, sort_entries(a, b));
         // More than four are rare.
         if count > 4 {
-            put(&mut above[4..], entries(children.1.interleave(spans.1)));
+            put(&mut above[4..], [c, d]);
             for i in 4..count {
                 let mut at = i;
                 while at > 0 && above[at - 1] < above[at] {
