@@ -451,7 +451,7 @@ impl Default for Traverser {
 fn intersect_leaf<S: Simd>(simd: S, view: &SceneView, curve: &Curve<f32>, child: u32, enter: f32, exit: f32, hit: &mut Hit) -> u64 {
     let count = curve.chords;
     if count == 1.0 {
-        intersect_chord(simd, view, child, curve.start.into(), whole_chord(curve).into(), 0.0, 1.0, hit.t, hit);
+        intersect_chord(simd, view, child, curve.start.into(), whole_chord(curve).into(), 0.0, 1.0, curve.tolerance > 0.0, hit.t, hit);
         return 1;
     }
     let first = (enter * count).floor().clamp(0.0, count - 1.0);
@@ -463,7 +463,7 @@ fn intersect_leaf<S: Simd>(simd: S, view: &SceneView, curve: &Curve<f32>, child:
         tested += 1;
         let to = Vec3::from(curve_point(curve, (j + 1.0) / count));
         let t_max = (hit.t * count - j).min(1.0 + CHORD_SLACK);
-        if intersect_chord(simd, view, child, from, to - from, j, count, t_max, hit) {
+        if intersect_chord(simd, view, child, from, to - from, j, count, true, t_max, hit) {
             break;
         }
         from = to;
@@ -472,7 +472,8 @@ fn intersect_leaf<S: Simd>(simd: S, view: &SceneView, curve: &Curve<f32>, child:
     tested
 }
 
-/// Tests one chord, number `j` of `count`; returns whether it hit.
+/// Tests one chord, number `j` of `count`; returns whether it hit. Most pieces of a curve miss, which can be foreseen; whether a straight
+/// ray does cannot.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "one call site per traversal; a struct would only rename them")]
 fn intersect_chord<S: Simd>(
@@ -483,6 +484,7 @@ fn intersect_chord<S: Simd>(
     direction: Vec3,
     j: f32,
     count: f32,
+    curved: bool,
     t_max: f32,
     hit: &mut Hit,
 ) -> bool {
@@ -506,6 +508,9 @@ fn intersect_chord<S: Simd>(
         Lane::splat(simd, t_max),
     );
     let met = <f32x8<S> as Lane>::bits(found.mask);
+    if curved && met == 0 {
+        return false;
+    }
     let (t, lane) = nearest(Lane::select(found.mask, found.t, Lane::splat(simd, FAR)));
     let [mut u, mut v] = [[0.0; 8]; 2];
     found.u.store(&mut u);
