@@ -5,10 +5,11 @@
 
 use fearless_simd::{Level, Simd, dispatch};
 use glam::{Vec3, vec3};
-use nullray::kernels::bvh::{Hit, Query, Traverser};
+use nullray::kernels::bvh::Hit;
 use nullray::kernels::constants::NO_INDEX;
 use nullray::kernels::rng::{hash, unit_float};
 use nullray::kernels::sampling::{sample_cosine, world_from_frame};
+use nullray::kernels::traverser::{Query, Traverser};
 use nullray::kernels::view::SceneView;
 use nullray::scene::mesh::Mesh;
 use nullray::scene::{Geometry, Scene, Shape, parse_scene};

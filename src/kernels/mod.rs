@@ -17,6 +17,7 @@ pub mod surface;
 pub mod table;
 pub mod tableau;
 pub mod texture;
+pub mod traverser;
 pub mod triangle;
 pub mod view;
 pub mod work;

@@ -14,13 +14,13 @@ use super::{Backend, Canvas, Development, Precision, Prepared, RawLanding, Stop,
 use crate::dispatch;
 use crate::error::{Error, Result};
 use crate::film::{Film, PixelSum, Statistics, add_sample};
-use crate::kernels::bvh::Traverser;
 use crate::kernels::constants::*;
 use crate::kernels::integrator::ModelBlock;
 use crate::kernels::layout::{Aov, SceneParameters};
 use crate::kernels::path::PathState;
 use crate::kernels::rng::pixel_seed;
 use crate::kernels::surface::Arrival;
+use crate::kernels::traverser::Traverser;
 use crate::kernels::view::SceneView;
 use crate::kernels::work::Work;
 use crate::spacetime::ModelKind;

@@ -6,11 +6,12 @@ use super::lanes::{Lanes, Row, lanes_of};
 use super::solo::{Observed, Solo};
 use super::step::*;
 use crate::backend::Stop;
-use crate::kernels::bvh::{Hit, Traverser};
+use crate::kernels::bvh::Hit;
 use crate::kernels::clearance::{grid_curve, occupied_span};
 use crate::kernels::constants::*;
 use crate::kernels::curve::Curve;
 use crate::kernels::integrator::*;
+use crate::kernels::traverser::Traverser;
 use crate::simd::{Lane, MAX_LANES, load3, splat3, store3};
 use fearless_simd::Simd;
 
