@@ -35,8 +35,9 @@ void land(uint slot, Arrival arrival) {
 #ifdef FLAT
 void advance(uint slot) {
     vec3 origin = uintBitsToFloat(load_word(slot, WORD_ORIGIN).xyz);
-    vec3 direction = uintBitsToFloat(load_word(slot, WORD_DIRECTION).xyz);
-    uint side = load_word(slot, WORD_RATIO).y;
+    uvec4 direction_side = load_word(slot, WORD_DIRECTION);
+    vec3 direction = uintBitsToFloat(direction_side.xyz);
+    uint side = direction_side.w;
     Curve curve = straight(origin, direction);
     Hit hit = Hit(FAR, NO_INDEX, 0.0, 0.0);
     closest_hit(curve, side, hit);

@@ -1,6 +1,6 @@
-// Every buffer and its accessor. Scene arrays and the film are reached by address, so that they may be larger than a storage
-// buffer range; paths and queues are descriptors. What all rays read alike, addresses and parameters, is a uniform block. What
-// traversal reads, and the model's sources and table, comes through texel buffers, which fetch a word of 16 bytes at once.
+// Every buffer and its accessor. Queues, and paths where they are stored, are storage buffers; what all rays read alike, addresses and
+// parameters, is a uniform block. What most rays read is loaded through texel buffers, which fetch up to 16 bytes at once; so are paths.
+// Other arrays of the scene, and the film, are reached by address, so that they may be larger than a storage buffer range.
 // The accessors' twins are in src/kernels/view.rs.
 #extension GL_EXT_scalar_block_layout : require
 
@@ -26,17 +26,11 @@
 layout(local_size_x = 64) in;
 
 #define SCENE_BUFFER(name, type) layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer name { type items[]; }
-SCENE_BUFFER(Triangles, Triangle);
-SCENE_BUFFER(Vertices, Vertex);
-SCENE_BUFFER(Uints, uint);
 SCENE_BUFFER(Floats, float);
 SCENE_BUFFER(Textures, Texture);
 SCENE_BUFFER(Texels, uvec2);
 layout(buffer_reference, std430, buffer_reference_align = 8) readonly buffer Profiles { vec2 items[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer BlackBodies { vec4 items[]; };
-layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Aims { vec4 items[]; };
-layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Materials { Material items[]; };
-layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Lights { Light items[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) buffer FilmSums { uvec4 items[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) buffer FilmAovs { Aov items[]; };
 
@@ -61,18 +55,11 @@ layout(set = 0, binding = 0, std430) buffer PathBuffer { uvec4 path_words[]; };
 layout(set = 0, binding = 1, std430) buffer CounterBuffer { uint counters[]; };
 layout(set = 0, binding = 2, std430) buffer QueueBuffer { uint queue[]; };
 layout(set = 0, binding = 3, std430) uniform SceneBlock {
-    Triangles triangles;
-    Vertices vertices;
-    Uints objects;
-    Materials materials;
     Textures textures;
     Texels texels;
-    Lights lights;
     Floats environment_cdf;
-    Floats albedo;
     BlackBodies black_bodies;
     Profiles profiles;
-    Aims aims;
     SceneParameters parameters;
     // Sources of the model, the words of each, and the word that its table begins with.
     uint source_count;
@@ -88,6 +75,15 @@ layout(set = 0, binding = 5) uniform usamplerBuffer block_words;
 layout(set = 0, binding = 6) uniform usamplerBuffer primitive_words;
 layout(set = 0, binding = 7) uniform usamplerBuffer clearance_cells;
 layout(set = 0, binding = 8) uniform usamplerBuffer model_words;
+layout(set = 0, binding = 9) uniform usamplerBuffer triangle_words;
+layout(set = 0, binding = 10) uniform usamplerBuffer vertex_words;
+layout(set = 0, binding = 11) uniform usamplerBuffer objects;
+layout(set = 0, binding = 12) uniform usamplerBuffer material_words;
+layout(set = 0, binding = 13) uniform usamplerBuffer light_words;
+layout(set = 0, binding = 14) uniform usamplerBuffer aim_words;
+layout(set = 0, binding = 15) uniform usamplerBuffer albedos;
+// What earlier dispatches stored in `path_words`.
+layout(set = 0, binding = 16) uniform usamplerBuffer path_texels;
 
 #define SCENE scene.parameters
 
@@ -103,7 +99,8 @@ const uint COUNT_INVALID = 15;
 const uint COUNT_RAYS = 16;
 const uint COUNT_WORK = 20;
 
-// Words of a path.
+// Words of a path. A kernel loads what earlier dispatches stored: it must not load what it has stored itself, and what it stores in place
+// of a word that it loads must follow from that.
 const uint WORD_ORIGIN = 0;
 const uint WORD_DIRECTION = 1;
 const uint WORD_THROUGHPUT = 2;
@@ -117,13 +114,13 @@ const uint WORD_LAUNCH = 12;
 const uint WORD_LENGTH = 13;
 const uint WORD_DIAGONAL = 14;
 const uint WORD_MIXED = 15;
-const uint WORD_RATIO = 16;
+const uint WORD_CONE = 16;
 
 // Steps word of a ray that has not started.
 const uint FRESH = 0xffffffffu;
 
 uvec4 load_word(uint slot, uint word) {
-    return path_words[word * push.capacity + slot];
+    return texelFetch(path_texels, int(word * push.capacity + slot));
 }
 
 void store_word(uint slot, uint word, uvec4 value) {
@@ -136,6 +133,16 @@ void store_word(uint slot, uint word, vec3 xyz, uint w) {
 
 void store_word(uint slot, uint word, vec3 xyz, float w) {
     store_word(slot, word, xyz, floatBitsToUint(w));
+}
+
+// The last number of the word stays as it was.
+void store_vector(uint slot, uint word, vec3 xyz) {
+    path_words[word * push.capacity + slot].xyz = floatBitsToUint(xyz);
+}
+
+// Of the word of a launch only that it has not been yet.
+void store_fresh(uint slot) {
+    path_words[WORD_LAUNCH * push.capacity + slot].z = FRESH;
 }
 
 uint queue_advance(uint parity) {
@@ -153,8 +160,10 @@ uint queue_escape() {
 // Pixel and sample of a slot: samples of one pixel are whole films apart.
 uvec3 slot_pixel(uint slot) {
     uint pixels = push.row_count * SCENE.film_width;
-    uint pixel = slot % pixels;
-    return uvec3(pixel % SCENE.film_width, push.first_row + pixel / SCENE.film_width, push.first_sample + slot / pixels);
+    uint film = slot / pixels;
+    uint pixel = slot - film * pixels;
+    uint row = pixel / SCENE.film_width;
+    return uvec3(pixel - row * SCENE.film_width, push.first_row + row, push.first_sample + film);
 }
 
 uint scene_root(uint side) {
@@ -186,11 +195,18 @@ vec3 block_vector(uint block, uint row, uint lane) {
 }
 
 Triangle triangle_at(uint index) {
-    return scene.triangles.items[index];
+    uvec4 word = texelFetch(triangle_words, int(index));
+    return Triangle(uint[3](word.x, word.y, word.z), word.w);
 }
 
 Vertex vertex_at(uint index) {
-    return scene.vertices.items[index];
+    // Five numbers that begin anywhere in the first of two words: brought to its start by one place, by two, or both.
+    int first = 5 * int(index);
+    uvec4 a = texelFetch(vertex_words, first / 4), b = texelFetch(vertex_words, first / 4 + 1);
+    bool one = (first & 1) != 0, two = (first & 2) != 0;
+    uvec4 c = one ? uvec4(a.yzw, b.x) : a, d = one ? uvec4(b.yzw, 0u) : b;
+    vec4 e = uintBitsToFloat(two ? uvec4(c.zw, d.xy) : c);
+    return Vertex(float[3](e.x, e.y, e.z), float[2](e.w, uintBitsToFloat(two ? d.z : d.x)));
 }
 
 Primitive primitive_at(uint index) {
@@ -203,11 +219,15 @@ Primitive primitive_at(uint index) {
 }
 
 uint object_material(uint object) {
-    return scene.objects.items[object];
+    return texelFetch(objects, int(object)).x;
 }
 
 Material material_at(uint index) {
-    return scene.materials.items[index];
+    int at = int(MATERIAL_WORDS * index);
+    uvec4 a = texelFetch(material_words, at), b = texelFetch(material_words, at + 1), c = texelFetch(material_words, at + 2);
+    uvec4 d = texelFetch(material_words, at + 3), e = texelFetch(material_words, at + 4);
+    return Material(uintBitsToFloat(a.xyz), a.w, uintBitsToFloat(b.xyz), uintBitsToFloat(b.w), uintBitsToFloat(c.xyz), uintBitsToFloat(c.w),
+        d.x, d.y, d.z, d.w, uintBitsToFloat(e.x), e.y, uintBitsToFloat(e.z), uintBitsToFloat(e.w));
 }
 
 Texture texture_at(uint index) {
@@ -220,11 +240,13 @@ vec4 texel(uint index) {
 }
 
 Light light_at(uint index) {
-    return scene.lights.items[index];
+    int at = int(LIGHT_WORDS * index);
+    uvec4 a = texelFetch(light_words, at), b = texelFetch(light_words, at + 1), c = texelFetch(light_words, at + 2);
+    return Light(uintBitsToFloat(a.xyz), a.w, uintBitsToFloat(b.xyz), uintBitsToFloat(b.w), uintBitsToFloat(c.xyz), uintBitsToFloat(c.w));
 }
 
 vec4 aim(uint index) {
-    return scene.aims.items[index];
+    return uintBitsToFloat(texelFetch(aim_words, int(index)));
 }
 
 float environment_cdf(uint index) {
@@ -236,7 +258,7 @@ float clearance(uint cell) {
 }
 
 float albedo(uint index) {
-    return scene.albedo.items[index];
+    return uintBitsToFloat(texelFetch(albedos, int(index)).x);
 }
 
 vec4 black_body_entry(uint index) {

@@ -53,7 +53,7 @@ void intersect_leaf(Curve curve, uint child, float enter, float exit, inout Hit 
     }
 }
 
-// A chord prepared for slab tests against boxes that are extended by how far the curve strays.
+// The whole chord of a curve, prepared for slab tests against boxes that are extended by how far its pieces stray from it.
 struct Slabs {
     vec3 inverse;
     vec3 near;
@@ -68,7 +68,9 @@ Slabs slabs(Curve curve) {
     deviation(curve, down, up);
     vec3 inverse = mix(size, -size, backward);
     vec3 middle = -(curve.start * inverse);
-    vec3 slack = (abs(curve.start) + (down + up)) * BOX_ROUNDING;
+    // Of pieces the ends are rounded too.
+    float rounding_of_ends = curve.chords > 1 ? BOX_ROUNDING : 0.0;
+    vec3 slack = (abs(curve.start) + (down + up)) * BOX_ROUNDING + abs(chord) * rounding_of_ends;
     return Slabs(inverse, middle - (mix(up, down, backward) + slack) * size, middle + (mix(down, up, backward) + slack) * size);
 }
 

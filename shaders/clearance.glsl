@@ -28,7 +28,7 @@ float clearance_at(vec3 position) {
 
 Curve grid_curve(Curve curve) {
     float scale = SCENE.grid_inverse_cell;
-    return Curve((curve.start - SCENE.grid_focus) * scale, curve.c1 * scale, curve.c2 * scale, curve.c3 * scale, curve.chords, curve.tolerance);
+    return Curve((curve.start - SCENE.grid_focus) * scale, curve.c1 * scale, curve.c2 * scale, curve.c3 * scale, curve.chords);
 }
 
 vec2 occupied_span(Curve curve, float room, out float end_room) {

@@ -29,5 +29,5 @@ void main() {
         atomicAdd(counters[COUNT_EXHAUSTED], 1);
     }
     escape(path, arrival);
-    store_word(slot, WORD_RADIANCE, path.radiance, path.media.x);
+    store_radiance(slot, path);
 }

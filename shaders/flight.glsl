@@ -137,9 +137,8 @@ real stop_distance(real3 x, real len, real parameter) {
 }
 
 void advance(uint slot) {
-    vec4 cone_origin = uintBitsToFloat(load_word(slot, WORD_ORIGIN));
-    vec4 cone_direction = uintBitsToFloat(load_word(slot, WORD_DIRECTION));
-    float width = cone_origin.w, spread = cone_direction.w;
+    // Width at the start and growth of the cone.
+    vec2 cone = uintBitsToFloat(load_word(slot, WORD_CONE).xy);
     real3 center = real3(SCENE.region_center);
     real radius = real(SCENE.region_radius);
     bool fixed_step = METHOD == METHOD_EULER || METHOD == METHOD_SYMPLECTIC || METHOD == METHOD_LEAPFROG;
@@ -160,9 +159,10 @@ void advance(uint slot) {
     Hit hit = Hit(FAR, NO_INDEX, 0.0, 0.0);
     if (fresh) {
         real speed = TRACING ? ray.energy : real(1.0);
-        d = TRACING ? ray.p : real3(cone_direction.xyz);
-        ray = Ray(TRACING ? ray.x : real3(cone_origin.xyz), d, real(0.0), real(0.0), TRACING ? ray.clock : -1.0, real(0.0), real(0.0), 0u, 0u,
-            TRACING ? ray.side : load_word(slot, WORD_RATIO).y);
+        uvec4 direction = load_word(slot, WORD_DIRECTION);
+        d = TRACING ? ray.p : real3(uintBitsToFloat(direction.xyz));
+        ray = Ray(TRACING ? ray.x : real3(uintBitsToFloat(load_word(slot, WORD_ORIGIN).xyz)), d, real(0.0), real(0.0), TRACING ? ray.clock : -1.0,
+            real(0.0), real(0.0), 0u, 0u, TRACING ? ray.side : direction.w);
         real entry = enter_sphere(ray.x, d, center, radius);
         if (entry != real(0.0)) {
             real way = entry * (real(1.0) + REGION_MARGIN);
@@ -199,8 +199,8 @@ void advance(uint slot) {
         if (!fixed_step) {
             real longest = longest_first_step(flight, safe);
             real3 end_force = rate_at(charge, along(ray.x, flight.v, longest), along(ray.p, flight.a, longest), longest).a;
-            float cone = spread * float(ray.len) + width;
-            real tolerance = step_tolerance(ray.x, real(cone), real(SCENE.tolerance), detail, TOLERANCE_FLOOR);
+            float width = cone.y * float(ray.len) + cone.x;
+            real tolerance = step_tolerance(ray.x, real(width), real(SCENE.tolerance), detail, TOLERANCE_FLOOR);
             ray.h = first_step(flight, end_force, longest, tolerance);
         } else {
             ray.h = METHOD >= METHOD_RUNGE_KUTTA ? model_step() / sqrt(dot(flight.v, flight.v)) : model_step();
@@ -217,8 +217,8 @@ void advance(uint slot) {
     float room = 0.0;
     for (uint iteration = 0; iteration < ITERATIONS && launched; ++iteration) {
         moved = flight;
-        float cone = spread * float(ray.len) + width;
-        real tolerance = step_tolerance(ray.x, real(cone), real(SCENE.tolerance), detail, TOLERANCE_FLOOR);
+        float width = cone.y * float(ray.len) + cone.x;
+        real tolerance = step_tolerance(ray.x, real(width), real(SCENE.tolerance), detail, TOLERANCE_FLOOR);
         real error = real(0.0), stray = real(0.0);
 #ifdef MEDIUM
         if (METHOD == METHOD_NYSTROM) {
@@ -304,7 +304,7 @@ void advance(uint slot) {
                 again = ray.h * step_factor(step_margin(stray, allowed), real(1.0));
             }
             room = accepted ? end_room : room;
-            curve = cut_span(whole, span.x, span.y, SCENE.chord_tolerance * cone);
+            curve = cut_span(whole, span.x, span.y, SCENE.chord_tolerance * width);
         }
         if (!accepted) {
             ray.h = again;

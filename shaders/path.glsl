@@ -71,6 +71,9 @@ void escape(inout PathState path, Arrival arrival) {
 #endif
 
 #ifdef KERNEL_SHADE
+// Whether the model is a metric is known when the pipeline is built.
+layout(constant_id = 0) const bool LOCAL_FRAMES = false;
+
 // What a ray meets at its end.
 const uint MEETING_ENDS = 0;
 const uint MEETING_PASSES = 1;
@@ -108,7 +111,7 @@ uint meet_surface(Surface surface, inout PathState path, Arrival arrival, out En
 
     // See the surface in the frame of the local observer.
     vec3 outward = surface.normal_geometric, shading = surface.normal_shading;
-    if (SCENE.local_frames != 0) {
+    if (LOCAL_FRAMES) {
         outward = local_normal(outward, arrival);
         shading = local_normal(shading, arrival);
     }

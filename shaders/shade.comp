@@ -46,8 +46,10 @@ void main() {
         Draw draw = draw_direction(at.scattering, seed, first, pixel.z, lobe.x);
         goes_on = leave_surface(path, at, draw, lobe.y);
     }
-    store_path(slot, path);
     if (goes_on) {
+        store_path(slot, path);
         queue[queue_advance(1 - push.parity) + atomicAdd(counters[COUNT_NEXT], 1)] = slot;
+    } else {
+        store_radiance(slot, path);
     }
 }

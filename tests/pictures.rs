@@ -760,7 +760,8 @@ fn bvh_equals_brute_force() {
     assert!(hits > 1500, "{hits}");
 }
 
-/// What curves stray from their chords is what the boxes are extended by, to each side of each axis, and not much less.
+/// What curves and the chords of their pieces stray from their whole chord is what the boxes are extended by, to each side of each axis, and
+/// not much less; a curve of a single piece is its chord.
 #[test]
 fn curves_stay_near_their_chords() {
     let mut largest = 0.0f32;
@@ -769,7 +770,9 @@ fn curves_stay_near_their_chords() {
             let (a, b) = (random_pair(7, 2 * i, k), random_pair(7, 2 * i + 1, k));
             [a.x - 0.5, a.y - 0.5, b.x - 0.5]
         };
-        let curve = hermite((), vector(0), vector(1), vector(2), vector(3));
+        let mut curve = hermite((), vector(0), vector(1), vector(2), vector(3));
+        assert_eq!(deviation((), &curve), ([0.0; 3], [0.0; 3]));
+        curve.chords = 2.0;
         let (down, up) = deviation((), &curve);
         let chord = whole_chord(&curve);
         let (mut least, mut most) = ([0.0f32; 3], [0.0f32; 3]);

@@ -157,15 +157,34 @@ macro_rules! check_layout {
     };
 }
 
+/// Members of a structure of `layout.glsl` with the offsets they have without padding, as the shaders' accessors take them from words.
+fn members_in_words(name: &str) -> Vec<(String, u32)> {
+    let text = std::fs::read_to_string(root().join("shaders/layout.glsl")).unwrap();
+    let body = text.split(&format!("struct {name} {{\n")).nth(1).unwrap().split('}').next().unwrap();
+    let mut at = 0;
+    let member = |line: &str| {
+        let (kind, member) = line.trim().trim_end_matches(';').split_once(' ').unwrap();
+        let (member, count) = member.trim_end_matches(']').split_once('[').unwrap_or((member, "1"));
+        let numbers = if kind == "vec3" { 3 } else { 1 } * count.parse::<u32>().unwrap();
+        at += 4 * numbers;
+        (member.to_owned(), at - 4 * numbers)
+    };
+    body.lines().map(member).collect()
+}
+
+macro_rules! check_words {
+    ($name:literal, $type:ident { $($field:ident),+ }) => {
+        let expected: Vec<(String, u32)> = vec![$((stringify!($field).to_string(), offset_of!($type, $field) as u32)),+];
+        assert_eq!(members_in_words($name), expected, "{}", $name);
+    };
+}
+
 #[test]
 fn structures_have_the_layout_of_the_shaders() {
-    check_layout!("shade", "Triangle", Triangle { vertices, object });
-    check_layout!("shade", "Vertex", Vertex { normal, uv });
-    check_layout!("shade", "Texture", Texture { first_index, width, height });
-    check_layout!("shade", "Light", Light { position, kind, edge_u, size, edge_v, cumulative });
-    check_layout!("shade", "Aov", Aov { albedo, redshift, normal, distance, position, constraint_error, object, status, steps, chords });
-    check_layout!(
-        "shade",
+    check_words!("Triangle", Triangle { vertices, object });
+    check_words!("Vertex", Vertex { normal, uv });
+    check_words!("Primitive", Primitive { data, kind, object });
+    check_words!(
         "Material",
         Material {
             base_color,
@@ -184,6 +203,9 @@ fn structures_have_the_layout_of_the_shaders() {
             outer_radius
         }
     );
+    check_words!("Light", Light { position, kind, edge_u, size, edge_v, cumulative });
+    check_layout!("shade", "Texture", Texture { first_index, width, height });
+    check_layout!("shade", "Aov", Aov { albedo, redshift, normal, distance, position, constraint_error, object, status, steps, chords });
     check_layout!(
         "shade",
         "EnvironmentParameters",

@@ -9,11 +9,12 @@ use displaced::{Detail, displaced_mesh, displaced_scene, primary_rays};
 use fearless_simd::{Level, Simd};
 use glam::{Vec3, vec3};
 use nullray::kernels::bvh::{Hit, RootSpans, enter_root, slabs};
-use nullray::kernels::constants::{FAR, NO_INDEX};
-use nullray::kernels::curve::{curve_point, cut_span, hermite, whole_chord};
+use nullray::kernels::constants::{CHORD_SLACK, FAR, NO_INDEX};
+use nullray::kernels::curve::{Curve, curve_point, cut_span, hermite, whole_chord};
 use nullray::kernels::primitive::intersect_primitive;
 use nullray::kernels::rng::random_pair;
 use nullray::kernels::traverser::{Query, Traverser};
+use nullray::kernels::triangle::intersect_triangle;
 use nullray::kernels::view::SceneView;
 use nullray::scene::parse_scene;
 use nullray::world::World;
@@ -40,13 +41,14 @@ fn straight_queries(view: &SceneView) -> Vec<Query> {
     camera.chain(others).collect()
 }
 
-/// Curved steps all over the scene, of up to a fifth of its extent.
+/// Curved steps all over the scene, of up to a fifth of its extent, in few pieces and in many.
 fn curved_queries(view: &SceneView) -> Vec<Query> {
     let step = |k: u32| {
         let (start, chord) = (random(2, k) * vec3(10.0, 3.0, 10.0), random(3, k) * 4.0);
+        let tolerance: f32 = [1e-3, 1e-2, 1e-1, 1.0][k as usize % 4];
         let bend = random(4, k).cross(chord) * 0.5;
         let whole = hermite((), start.into(), (start + chord).into(), (chord + bend).into(), (chord - bend).into());
-        let curve = cut_span((), &whole, 0.0, 1.0, 1e-3f32);
+        let curve = cut_span((), &whole, 0.0, 1.0, tolerance);
         Query { curve, slabs: slabs((), &curve), child: view.scene_root(0), span: (0.0, 1.0), t_max: 1.0 }
     };
     (0..12_000).map(step).collect()
@@ -130,43 +132,81 @@ fn the_root_is_left_out() {
     assert!(apart < 5e-4, "{apart}");
 }
 
+/// Where the chords of a curve hit first if everything is tested; `FAR` for nowhere.
+fn first_of_all(view: &SceneView, curve: &Curve<f32>) -> f32 {
+    let count = curve.chords;
+    let mut first = FAR;
+    for j in 0..count as u32 {
+        let at = |j: u32| Vec3::from(curve_point(curve, j as f32 / count));
+        // Pieces reach a little into one another.
+        let (from, chord, end) =
+            if count == 1.0 { (at(j), whole_chord(curve).into(), 1.0) } else { (at(j), at(j + 1) - at(j), 1.0 + CHORD_SLACK) };
+        let mut meet = |t: f32| first = first.min((j as f32 + t) / count);
+        for block in view.blocks {
+            for lane in 0..8 {
+                let row = |v: &[[f32; 8]; 3]| [v[0][lane], v[1][lane], v[2][lane]];
+                let (vertex, edge1, edge2) = (row(&block.vertex), row(&block.edge1), row(&block.edge2));
+                let met = intersect_triangle::<f32>((), from.into(), chord.into(), vertex, edge1, edge2, end);
+                if met.mask {
+                    meet(met.t);
+                }
+            }
+        }
+        for primitive in view.primitives {
+            let met = intersect_primitive(primitive, from, chord, end);
+            if met.x > 0.0 {
+                meet(met.x);
+            }
+        }
+    }
+    first
+}
+
+/// Fails if a curve is not found to hit where its chords do; returns how many hit.
+fn check_curves(view: &SceneView, queries: &[Query]) -> usize {
+    let (mut hits, mut traverser) = (vec![Hit::none(0.0); queries.len()], Traverser::new());
+    let numbered = queries.iter().copied().enumerate();
+    nullray::dispatch!(Level::new(), simd => traverser.closest_hits(simd, view, numbered, |i, _, hit| hits[i] = hit));
+    for (k, (query, hit)) in queries.iter().zip(&hits).enumerate() {
+        let first = first_of_all(view, &query.curve);
+        // What is at the very end is the next step's.
+        let same = if hit.primitive == NO_INDEX { first > 1.0 - CHORD_SLACK } else { (hit.t - first).abs() < 1e-3 };
+        assert!(same, "curve {k} of {} chords: {} against {first}", query.curve.chords, hit.t);
+    }
+    hits.iter().filter(|hit| hit.primitive != NO_INDEX).count()
+}
+
 /// Curved steps hit what their chords hit if every triangle is tested.
 #[test]
 fn curves_hit_what_their_chords_hit() {
     let view = WORLD.view();
-    let queries: Vec<Query> = curved_queries(&view).into_iter().take(300).collect();
-    let hits = nullray::dispatch!(Level::new(), simd => closest_hits(simd, &queries, queries.len()));
-    let mut found = 0;
-    for (k, (query, hit)) in queries.iter().zip(&hits).enumerate() {
-        let (curve, count) = (&query.curve, query.curve.chords);
-        let mut best = FAR;
-        for j in 0..count as u32 {
-            let at = |j: u32| Vec3::from(curve_point(curve, j as f32 / count));
-            let (from, chord) = (at(j), if count == 1.0 { whole_chord(curve).into() } else { at(j + 1) - at(j) });
-            for block in view.blocks {
-                for lane in 0..8 {
-                    let row = |v: &[[f32; 8]; 3]| [v[0][lane], v[1][lane], v[2][lane]];
-                    let (vertex, edges) = (row(&block.vertex), [row(&block.edge1), row(&block.edge2)]);
-                    let met = nullray::kernels::triangle::intersect_triangle::<f32>(
-                        (),
-                        from.into(),
-                        chord.into(),
-                        vertex,
-                        edges[0],
-                        edges[1],
-                        1.0,
-                    );
-                    if met.mask {
-                        best = best.min((j as f32 + met.t) / count);
-                    }
-                }
-            }
-        }
-        found += u32::from(best < FAR);
-        let same = if hit.primitive == NO_INDEX { best > 1.0 } else { (hit.t - best).abs() < 1e-3 };
-        assert!(same, "curve {k}: {} against {best}", hit.t);
+    let found = check_curves(&view, &curved_queries(&view)[..400]);
+    assert!(found > 30, "{found}");
+}
+
+/// Curved steps hit squares in the planes of the axes, whose boxes have no thickness.
+#[test]
+fn flat_boxes_are_met() {
+    let mut text = String::from("[[material]]\nname = \"m\"\n");
+    for k in 0..300 {
+        let (corner, axis) = ((random(9, k) * vec3(10.0, 3.0, 10.0)).round(), k as usize % 3);
+        let (u, v) = (Vec3::AXES[axis], Vec3::AXES[(axis + 1) % 3]);
+        text += &format!("[[quad]]\nmaterial = \"m\"\ncorner = {:?}\nu = {:?}\nv = {:?}\n", corner.to_array(), u.to_array(), v.to_array());
     }
-    assert!(found > 30, "{found} of {} hit", queries.len());
+    let world = World::compile(&parse_scene(Path::new("squares"), &text, &[]).unwrap()).unwrap();
+    let view = world.view();
+    let found = check_curves(&view, &curved_queries(&view));
+    assert!(found > 300, "{found}");
+    // Arcs from corner to corner of a lattice, whose pieces end in these planes.
+    let arc = |k: u32| {
+        let (start, chord) = ((random(10, k) * vec3(10.0, 3.0, 10.0)).round(), (random(11, k) * 2.0).round() * 2.0);
+        let bend = Vec3::AXES[k as usize % 3] * [0.02, 0.1, 0.5][(k / 3) as usize % 3];
+        let whole = hermite((), start.into(), (start + chord).into(), (chord + bend).into(), (chord - bend).into());
+        let curve = cut_span((), &whole, 0.0, 1.0, [1e-3, 1e-2, 1e-1f32][(k / 9) as usize % 3]);
+        Query { curve, slabs: slabs((), &curve), child: view.scene_root(0), span: (0.0, 1.0), t_max: 1.0 }
+    };
+    let found = check_curves(&view, &(0..12_000).map(arc).collect::<Vec<_>>());
+    assert!(found > 300, "{found}");
 }
 
 /// More than four children of a node are met where all overlap.

@@ -1,8 +1,8 @@
 //! What segments meet in the BVH: boxes of nodes, and what leaves hold; `traverser` follows them through it.
 //!
-//! A curved segment is traversed once, as its chord with all boxes extended by how far the curve strays from the chord at equal s, along
-//! each axis and to each side by itself: a curve that bends down needs boxes to reach up. So if the curve is inside a box at s, the chord
-//! is inside the extended box at the same s. At a leaf only those of its pieces that overlap the box in s are tested.
+//! A curved segment is traversed once, as its whole chord with all boxes extended by how far the chords of its pieces stray from that at
+//! equal s, along each axis and to each side by itself: a curve that bends down needs boxes to reach up. So if one of them is inside a box
+//! at s, the whole chord is inside the extended box at the same s. At a leaf only those that overlap the box in s are tested.
 
 use super::constants::*;
 use super::curve::{Curve, curve_point, deviation, whole_chord};
@@ -37,7 +37,8 @@ impl Hit {
     }
 }
 
-/// A chord prepared for slab tests against boxes that are extended by how far the curve strays, one or one per lane.
+/// The whole chord of a curve, prepared for slab tests against boxes that are extended by how far its pieces stray from it, one or one per
+/// lane.
 ///
 /// A plane is met at plane * inverse + offset: one operation where (plane - origin) * inverse takes two. The offsets are widened by
 /// their rounding error, so that no box is lost.
@@ -51,20 +52,23 @@ pub struct Slabs<L> {
     pub far: [L; 3],
 }
 
-/// Prepares the chord of `curve`.
+/// Prepares the whole chord of `curve`.
 #[inline(always)]
 pub fn slabs<L: Lane>(token: L::Token, curve: &Curve<L>) -> Slabs<L> {
     let chord = whole_chord(curve);
     let smallest = L::constant(token, f64::from(MIN_DIRECTION));
     let rounding = L::constant(token, f64::from(BOX_ROUNDING));
+    // Of pieces the ends are rounded too.
+    let rounding_of_ends = L::select(L::constant(token, 1.0).lt(curve.chords), rounding, L::constant(token, 0.0));
     let (down, up) = deviation(token, curve);
     let mut slabs = Slabs { inverse: chord, near: chord, far: chord };
     for (i, c) in chord.into_iter().enumerate() {
-        let size = L::constant(token, 1.0) / c.max(-c).max(smallest);
+        let reach = c.max(-c);
+        let size = L::constant(token, 1.0) / reach.max(smallest);
         let (origin, backward) = (curve.start[i], c.lt(L::constant(token, 0.0)));
         slabs.inverse[i] = L::select(backward, -size, size);
         let middle = -(origin * slabs.inverse[i]);
-        let slack = (origin.max(-origin) + (down[i] + up[i])) * rounding;
+        let slack = (origin.max(-origin) + (down[i] + up[i])) * rounding + reach * rounding_of_ends;
         slabs.near[i] = middle - (L::select(backward, down[i], up[i]) + slack) * size;
         slabs.far[i] = middle + (L::select(backward, up[i], down[i]) + slack) * size;
     }
@@ -169,9 +173,8 @@ pub(super) fn intersect_leaf<S: Simd>(
 ) -> u64 {
     let count = curve.chords;
     if count == 1.0 {
-        // Of a curve; a straight ray needs no tolerance.
-        let is_piece = curve.tolerance > 0.0;
-        intersect_chord(simd, view, child, curve.start.into(), whole_chord(curve).into(), 0.0, 1.0, is_piece, hit.t, hit);
+        let bends = curve.c2 != [0.0; 3];
+        intersect_chord(simd, view, child, curve.start.into(), whole_chord(curve).into(), 0.0, 1.0, bends, hit.t, hit);
         return 1;
     }
     let first = (enter * count).floor().clamp(0.0, count - 1.0);

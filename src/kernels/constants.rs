@@ -34,6 +34,8 @@ constants! {
         STATUS_EXHAUSTED = 4;
         /// The ray came to where a traced ray was told to stop.
         STATUS_STOPPED = 5;
+        /// The unit in which the side of a wormhole is added to a status.
+        STATUS_SIDE = 256;
 
         /// BVH child: a block of triangles; the low bits are its index.
         CHILD_BLOCK = 0x8000_0000;
@@ -41,10 +43,12 @@ constants! {
         CHILD_PRIMITIVE = 0x4000_0000;
         /// Low bits of a BVH child.
         CHILD_INDEX = 0x3fff_ffff;
-        /// Words of 16 bytes of a node, of a block of triangles, of an analytic primitive.
+        /// Words of 16 bytes of a node, a block of triangles, an analytic primitive, a material, a light.
         NODE_WORDS = 14;
         BLOCK_WORDS = 20;
         PRIMITIVE_WORDS = 4;
+        MATERIAL_WORDS = 5;
+        LIGHT_WORDS = 3;
         /// Entries of the traversal stack; the builder proves that no tree needs more.
         STACK_SIZE = 128;
         /// Hit on an analytic primitive rather than a triangle.

@@ -23,23 +23,19 @@ pub struct Curve<L> {
     pub c3: [L; 3],
     /// Pieces the curve is cut into, a whole number.
     pub chords: L,
-    /// Distance between the curve and those pieces' chords at equal s that is wanted; more if there may not be so many pieces. Boxes are
-    /// extended by it too, so that a flat one has some thickness.
-    pub tolerance: L,
 }
 
 /// The straight ray origin + s direction.
 #[inline(always)]
 pub fn straight(origin: Vec3, direction: Vec3) -> Curve<f32> {
-    Curve { start: origin.into(), c1: direction.into(), c2: [0.0; 3], c3: [0.0; 3], chords: 1.0, tolerance: 0.0 }
+    Curve { start: origin.into(), c1: direction.into(), c2: [0.0; 3], c3: [0.0; 3], chords: 1.0 }
 }
 
 /// The cubic with end points `start` and `end` and end tangents `tangent0` and `tangent1` (derivatives by s), not cut yet.
 #[inline(always)]
 pub fn hermite<L: Lane>(token: L::Token, start: [L; 3], end: [L; 3], tangent0: [L; 3], tangent1: [L; 3]) -> Curve<L> {
     let (two, three) = (L::constant(token, 2.0), L::constant(token, 3.0));
-    let mut curve =
-        Curve { start, c1: tangent0, c2: start, c3: start, chords: L::constant(token, 1.0), tolerance: L::constant(token, 0.0) };
+    let mut curve = Curve { start, c1: tangent0, c2: start, c3: start, chords: L::constant(token, 1.0) };
     for i in 0..3 {
         let chord = end[i] - start[i];
         curve.c2[i] = chord * three - tangent0[i] * two - tangent1[i];
@@ -85,7 +81,7 @@ pub fn cut_span<L: Lane>(token: L::Token, curve: &Curve<L>, from: L, to: L, tole
     let sagitta = dot(c2, c2).max(dot(c2_end, c2_end)).sqrt() * L::constant(token, 0.25);
     let chords = -(-(sagitta / tolerance).sqrt()).floor();
     let chords = chords.max(one).min(L::constant(token, f64::from(MAX_CHORDS)));
-    Curve { start: curve_point(curve, from), c1, c2, c3, chords, tolerance }
+    Curve { start: curve_point(curve, from), c1, c2, c3, chords }
 }
 
 /// Point where the chords of the curve were hit at parameter `t`.
@@ -101,16 +97,18 @@ pub fn hit_position(curve: &Curve<f32>, t: f32) -> Vec3 {
     from + (to - from) * (t * count - j)
 }
 
-/// How far the curve strays from its chord at equal s, down and up along each axis. The difference is -s (1 - s) (c2 + c3 (1 + s)).
+/// How far the chords of the curve stray from its whole chord at equal s, down and up along each axis: not at all if there is only one.
+/// Their ends are on the curve, and nowhere do they stray farther than these. The curve is -s (1 - s) (c2 + c3 (1 + s)) from its chord.
 #[inline(always)]
 pub fn deviation<L: Lane>(token: L::Token, curve: &Curve<L>) -> ([L; 3], [L; 3]) {
-    let (zero, two, quarter) = (L::constant(token, 0.0), L::constant(token, 2.0), L::constant(token, 0.25));
+    let (zero, two) = (L::constant(token, 0.0), L::constant(token, 2.0));
+    let quarter = L::select(L::constant(token, 1.0).lt(curve.chords), L::constant(token, 0.25), zero);
     let (mut down, mut up) = (curve.c2, curve.c2);
     for i in 0..3 {
         let first = curve.c2[i] + curve.c3[i];
         let last = curve.c3[i].mul_add(two, curve.c2[i]);
-        down[i] = first.max(last).max(zero).mul_add(quarter, curve.tolerance);
-        up[i] = (-first.min(last)).max(zero).mul_add(quarter, curve.tolerance);
+        down[i] = first.max(last).max(zero) * quarter;
+        up[i] = (-first.min(last)).max(zero) * quarter;
     }
     (down, up)
 }

@@ -2,7 +2,7 @@
 //!
 //! Every three-vector is followed by a scalar that means something, so there is no padding.
 
-use super::constants::{BLOCK_WORDS, NODE_WORDS, PRIMITIVE_WORDS};
+use super::constants::{BLOCK_WORDS, LIGHT_WORDS, MATERIAL_WORDS, NODE_WORDS, PRIMITIVE_WORDS};
 use bytemuck::{Pod, Zeroable};
 use std::mem::offset_of;
 
@@ -69,11 +69,6 @@ pub struct Primitive {
     pub unused: [u32; 2],
 }
 
-// Shaders read these as words of 16 bytes (`bindings.glsl`).
-const _: () = assert!(size_of::<BvhNode>() == 16 * NODE_WORDS as usize && offset_of!(BvhNode, child) == 16 * 12);
-const _: () = assert!(size_of::<TriangleBlock>() == 16 * BLOCK_WORDS as usize && offset_of!(TriangleBlock, triangle) == 16 * 18);
-const _: () = assert!(size_of::<Primitive>() == 16 * PRIMITIVE_WORDS as usize && offset_of!(Primitive, kind) == 16 * 3);
-
 /// A material. Textures multiply the value beside them.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -137,6 +132,12 @@ pub struct Light {
     /// Sum of the selection probabilities up to and including this light.
     pub cumulative: f32,
 }
+
+// Shaders read these as words of 16 bytes (`bindings.glsl`).
+const _: () = assert!(size_of::<BvhNode>() == 16 * NODE_WORDS as usize && offset_of!(BvhNode, child) == 16 * 12);
+const _: () = assert!(size_of::<TriangleBlock>() == 16 * BLOCK_WORDS as usize && offset_of!(TriangleBlock, triangle) == 16 * 18);
+const _: () = assert!(size_of::<Triangle>() == 16 && size_of::<Vertex>() == 20 && size_of::<Primitive>() == 16 * PRIMITIVE_WORDS as usize);
+const _: () = assert!(size_of::<Material>() == 16 * MATERIAL_WORDS as usize && size_of::<Light>() == 16 * LIGHT_WORDS as usize);
 
 /// One sky. A wormhole has two.
 #[repr(C)]

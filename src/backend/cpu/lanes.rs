@@ -116,7 +116,6 @@ pub struct Pieces<T> {
     c2: [Row<T>; 3],
     c3: [Row<T>; 3],
     chords: Row<T>,
-    tolerance: Row<T>,
     inverse: [Row<T>; 3],
     near: [Row<T>; 3],
     far: [Row<T>; 3],
@@ -143,7 +142,6 @@ impl<T: Scalar> Pieces<T> {
             }
         }
         curve.chords.store(&mut self.chords);
-        curve.tolerance.store(&mut self.tolerance);
     }
 
     /// The piece of lane `i`.
@@ -152,8 +150,7 @@ impl<T: Scalar> Pieces<T> {
         let at = |rows: &[Row<T>; 3]| [rows[0][i].to_f32(), rows[1][i].to_f32(), rows[2][i].to_f32()];
         let (start, c1, c2, c3) = (at(&self.start), at(&self.c1), at(&self.c2), at(&self.c3));
         let (inverse, near, far) = (at(&self.inverse), at(&self.near), at(&self.far));
-        let (chords, tolerance) = (self.chords[i].to_f32(), self.tolerance[i].to_f32());
-        (Curve { start, c1, c2, c3, chords, tolerance }, Slabs { inverse, near, far })
+        (Curve { start, c1, c2, c3, chords: self.chords[i].to_f32() }, Slabs { inverse, near, far })
     }
 }
 

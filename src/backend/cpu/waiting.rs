@@ -97,15 +97,15 @@ impl<T: Scalar> Waiting<T> {
         }
         let way = (entry * L::constant(simd, 1.0 + T::REGION_MARGIN)).max(zero);
         let across = [d[0] * way, d[1] * way, d[2] * way];
-        let curve = Curve { start: x, c1: across, c2: [zero; 3], c3: [zero; 3], chords: L::constant(simd, 1.0), tolerance: zero };
+        let curve = Curve { start: x, c1: across, c2: [zero; 3], c3: [zero; 3], chords: L::constant(simd, 1.0) };
         let (from, to, end_room) = occupied_span(simd, &course.view, &grid_curve(simd, &course.view, &curve), zero, entering);
         L::select(zero.lt(entry), end_room, zero).store(&mut lanes.room);
         let occupied = L::bits(from.lt(to)) & entering;
         let mut met = 0;
         if occupied != 0 {
-            // A straight way is its own chord, and needs next to no tolerance.
-            let thin = L::constant(simd, f64::from(MIN_DIRECTION));
-            met = occupied & prepare_pieces(simd, course, &curve, (from, to), thin, &mut lanes.next.pieces);
+            // Any but 0: a straight way is its own chord.
+            let tolerance = L::constant(simd, 1.0);
+            met = occupied & prepare_pieces(simd, course, &curve, (from, to), tolerance, &mut lanes.next.pieces);
             traverser.work.pass_root(occupied & !met);
         }
         from.store(&mut lanes.next.from);

@@ -25,7 +25,8 @@ use crate::kernels::layout::SceneParameters;
 use crate::kernels::work::Work;
 use crate::spacetime::ModelKind;
 use crate::world::World;
-use buffer::Buffer;
+use ash::vk;
+use buffer::{Buffer, TexelView};
 use bytemuck::{Pod, Zeroable};
 use command::Commands;
 use device::Device;
@@ -133,6 +134,8 @@ pub struct VulkanBackend {
     takes_snapshots: bool,
     slots: u32,
     capacity: u32,
+    /// Of `paths`, before which it is dropped.
+    _path_view: TexelView,
     paths: Buffer,
     counters: Buffer,
     queues: Buffer,
@@ -160,20 +163,24 @@ impl VulkanBackend {
         let layout = Layout::new(&device, 3, size_of::<Push>() as u32)?;
         let by_range = u64::from(device.report.max_storage_buffer_range) / (PATH_WORDS * 16);
         let by_memory = device.report.memory / 4 / (PATH_WORDS * 16);
+        let by_texels = u64::from(device.report.max_texel_buffer_elements) / PATH_WORDS;
         // Dispatches are one-dimensional: at most 65535 workgroups everywhere.
         let by_groups = 65535 * u64::from(WORKGROUP_SIZE);
-        let capacity = by_range.min(by_memory).min(by_groups).min(MAX_SLOTS) as u32;
+        let capacity = by_range.min(by_memory).min(by_texels).min(by_groups).min(MAX_SLOTS) as u32;
         let paths = Buffer::new(&device, "paths", u64::from(capacity) * PATH_WORDS * 16, MemoryLocation::GpuOnly)?;
         let counters = Buffer::new(&device, "counters", COUNTERS * 4, MemoryLocation::GpuOnly)?;
         let queues = Buffer::new(&device, "queues", u64::from(capacity) * 16, MemoryLocation::GpuOnly)?;
         let readback = Buffer::new(&device, "readback", 32 << 20, MemoryLocation::GpuToCpu)?;
         layout.bind(&[&paths, &counters, &queues]);
+        let path_view = TexelView::new(&device, &paths, vk::Format::R32G32B32A32_UINT, 16)?;
+        layout.bind_paths(&path_view);
         let commands = Commands::new(&device)?;
         Ok(VulkanBackend {
             loaded: None,
             takes_snapshots: false,
             slots: FIRST_SLOTS.min(capacity),
             capacity,
+            _path_view: path_view,
             paths,
             counters,
             queues,
@@ -220,7 +227,7 @@ impl VulkanBackend {
             generate: self.kernel("generate")?,
             prepare: self.kernel("prepare")?,
             advance: self.advance(model, precision, parameters, Purpose::Rendering)?,
-            shade: self.kernel("shade")?,
+            shade: self.specialized_kernel("shade", &[parameters.local_frames])?,
             escape: self.kernel("escape")?,
             resolve: self.kernel("resolve")?,
             develop: self.kernel("develop")?,
@@ -355,7 +362,7 @@ impl VulkanBackend {
         let width = loaded.parameters.film_width;
         let mut row = rows.start;
         while row < rows.end {
-            let row_count = (self.slots / width).clamp(1, rows.end - row).min((self.capacity / width).max(1));
+            let row_count = (self.slots / width).clamp(1, rows.end - row).min(self.capacity / width);
             let mut sample = samples.start;
             while sample < samples.end {
                 let per_pixel = (self.slots / (width * row_count)).clamp(1, samples.end - sample);
@@ -372,7 +379,7 @@ impl VulkanBackend {
                 // A short last batch says little about a full one, unless it took too long.
                 if push.slot_count > self.slots / 2 || scale < 1.0 {
                     let wanted = f64::from(push.slot_count) * scale.clamp(0.25, 2.0);
-                    self.slots = (wanted as u32).clamp(width.min(self.capacity), self.capacity);
+                    self.slots = (wanted as u32).clamp(width, self.capacity);
                 }
                 sample += per_pixel;
             }
@@ -409,6 +416,7 @@ impl Backend for VulkanBackend {
                 missing: format!("{} has no shaderFloat64, which --precision f64 needs", self.device.report.name),
             });
         }
+        self.expect_width(world.scene.film_width)?;
         let (mut kernels, mut film) = (None, None);
         if let Some(old) = self.loaded.take() {
             // What fits the new world as well is kept: a viewer uploads one world after another.
@@ -435,6 +443,7 @@ impl Backend for VulkanBackend {
     }
 
     fn set_parameters(&mut self, parameters: &SceneParameters) -> Result<()> {
+        self.expect_width(parameters.film_width)?;
         let loaded = self.loaded.as_mut().ok_or_else(nothing_loaded)?;
         loaded.film.restart(&mut self.commands, parameters.film_width, parameters.film_height)?;
         loaded.scene.set_parameters(&mut self.commands, parameters)?;
@@ -480,6 +489,15 @@ impl Backend for VulkanBackend {
 }
 
 impl VulkanBackend {
+    /// Fails if a row of pixels is more than a batch can be.
+    fn expect_width(&self, width: u32) -> Result<()> {
+        if width <= self.capacity {
+            return Ok(());
+        }
+        let (most, device) = (self.capacity, &self.device.report.name);
+        Err(Error::World(format!("the film is {width} pixels wide, expected at most the {most} paths that {device} holds")))
+    }
+
     fn take_loaded(&mut self) -> Result<Loaded> {
         self.loaded.take().ok_or_else(nothing_loaded)
     }

@@ -18,9 +18,9 @@ pub fn kernel_spirv(name: &str) -> Option<&'static [u8]> {
 }
 
 /// Texel buffers of a scene.
-pub const TEXEL_VIEWS: u32 = 5;
+pub const TEXEL_VIEWS: u32 = 12;
 
-/// One descriptor set of storage buffers and the scene, and one block of push constants, for all kernels.
+/// One descriptor set of storage buffers, the scene and the paths, and one block of push constants, for all kernels.
 pub struct Layout {
     device: Arc<Device>,
     /// Pipeline layout.
@@ -33,7 +33,8 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// A layout of `storage` storage buffers, the scene's uniform block and texel buffers after them, and `push_bytes` of push constants.
+    /// A layout of `storage` storage buffers, after them the scene's uniform block and texel buffers and the paths as texels, and
+    /// `push_bytes` of push constants.
     pub fn new(device: &Arc<Device>, storage: u32, push_bytes: u32) -> Result<Layout> {
         let binding = |(binding, ty)| {
             vk::DescriptorSetLayoutBinding::default()
@@ -45,7 +46,7 @@ impl Layout {
         let counts = [
             (vk::DescriptorType::STORAGE_BUFFER, storage),
             (vk::DescriptorType::UNIFORM_BUFFER, 1),
-            (vk::DescriptorType::UNIFORM_TEXEL_BUFFER, TEXEL_VIEWS),
+            (vk::DescriptorType::UNIFORM_TEXEL_BUFFER, TEXEL_VIEWS + 1),
         ];
         let types = counts.iter().flat_map(|&(ty, count)| std::iter::repeat_n(ty, count as usize));
         let bindings: Vec<_> = (0..).zip(types).map(binding).collect();
@@ -83,11 +84,17 @@ impl Layout {
     /// Puts the scene's uniform block and texel buffers into the descriptor set.
     pub fn bind_scene<'a>(&self, block: &Buffer, views: impl Iterator<Item = &'a TexelView>) {
         self.write(self.storage, vk::DescriptorType::UNIFORM_BUFFER, block);
-        for (binding, view) in (self.storage + 1..).zip(views) {
-            let views = [view.raw];
-            let write = self.entry(binding, vk::DescriptorType::UNIFORM_TEXEL_BUFFER).texel_buffer_view(&views);
-            self.update(write);
-        }
+        (self.storage + 1..).zip(views).for_each(|(binding, view)| self.write_texels(binding, view));
+    }
+
+    /// Puts the paths as texels into the descriptor set.
+    pub fn bind_paths(&self, view: &TexelView) {
+        self.write_texels(self.storage + 1 + TEXEL_VIEWS, view);
+    }
+
+    fn write_texels(&self, binding: u32, view: &TexelView) {
+        let views = [view.raw];
+        self.update(self.entry(binding, vk::DescriptorType::UNIFORM_TEXEL_BUFFER).texel_buffer_view(&views));
     }
 
     fn write(&self, binding: u32, ty: vk::DescriptorType, buffer: &Buffer) {

@@ -1,4 +1,5 @@
-//! A world in device memory, reached from one block of addresses and parameters.
+//! A world in device memory: arrays that are fetched by texels, arrays that are reached by address, and a block of those addresses and the
+//! parameters.
 
 use super::buffer::{Buffer, TexelView};
 use super::command::Commands;
@@ -42,35 +43,38 @@ impl DeviceScene {
             Precision::F64 => model_bytes::<f64>(world),
         };
         let words = (vk::Format::R32G32B32A32_UINT, WORD as u64);
-        let texels: [(&str, &[u8], (vk::Format, u64)); TEXEL_VIEWS as usize] = [
+        let numbers = (vk::Format::R32_UINT, 4);
+        let by_texel: [(&str, &[u8], (vk::Format, u64)); TEXEL_VIEWS as usize] = [
             ("nodes", bytemuck::cast_slice(&world.nodes), words),
             ("triangle blocks", bytemuck::cast_slice(&world.blocks), words),
             ("primitives", bytemuck::cast_slice(&world.primitives), words),
             ("clearance", &world.clearance, (vk::Format::R8_UINT, 1)),
             ("model", &sources, words),
+            ("triangles", bytemuck::cast_slice(&world.triangles), words),
+            ("vertices", bytemuck::cast_slice(&world.vertices), words),
+            ("objects", bytemuck::cast_slice(&world.objects), numbers),
+            ("materials", bytemuck::cast_slice(&world.materials), words),
+            ("lights", bytemuck::cast_slice(&world.lights), words),
+            ("apparent lights", bytemuck::cast_slice(&world.aims), words),
+            ("albedo", bytemuck::cast_slice(&world.albedo), numbers),
         ];
-        let contents: [(&str, &[u8]); 12] = [
-            ("triangles", bytemuck::cast_slice(&world.triangles)),
-            ("vertices", bytemuck::cast_slice(&world.vertices)),
-            ("objects", bytemuck::cast_slice(&world.objects)),
-            ("materials", bytemuck::cast_slice(&world.materials)),
+        let by_address: [(&str, &[u8]); 5] = [
             ("textures", bytemuck::cast_slice(&world.textures)),
             ("texels", bytemuck::cast_slice(&world.texels)),
-            ("lights", bytemuck::cast_slice(&world.lights)),
             ("environment distribution", bytemuck::cast_slice(&world.environment_cdf)),
-            ("albedo", bytemuck::cast_slice(&world.albedo)),
             ("black bodies", bytemuck::cast_slice(&world.black_bodies)),
             ("disc profiles", bytemuck::cast_slice(&world.profiles)),
-            ("apparent lights", bytemuck::cast_slice(&world.aims)),
         ];
         let mut array = |name: &str, bytes: &[u8]| {
-            let buffer = Buffer::new(device, name, bytes.len() as u64, MemoryLocation::GpuOnly)?;
+            // Whole words: the last vertex may end in the middle of one.
+            let size = bytes.len().next_multiple_of(WORD) as u64;
+            let buffer = Buffer::new(device, name, size, MemoryLocation::GpuOnly)?;
             upload(commands, &mut staging, &buffer, bytes)?;
             Ok(buffer)
         };
-        let arrays = contents.iter().map(|(name, bytes)| array(name, bytes)).collect::<Result<Vec<_>>>()?;
+        let arrays = by_address.iter().map(|(name, bytes)| array(name, bytes)).collect::<Result<Vec<_>>>()?;
         let mut fetched = Vec::new();
-        for (name, bytes, (format, size)) in texels {
+        for (name, bytes, (format, size)) in by_texel {
             let buffer = array(name, bytes)?;
             fetched.push((TexelView::new(device, &buffer, format, size)?, buffer));
         }

@@ -13,7 +13,7 @@ use gpu_allocator::MemoryLocation;
 /// Steps word of a traced ray that has not started (`bindings.glsl`).
 const FRESH: u32 = 0xffff_ffff;
 /// Words of a path that hold the end of a traced ray (`bindings.glsl`, `flight.glsl`).
-const RESULT_WORDS: [u64; 13] = [2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 15];
+const RESULT_WORDS: [u64; 12] = [2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13];
 
 impl VulkanBackend {
     pub(super) fn trace_in(&mut self, loaded: &mut Loaded, rays: &[TraceRay], options: TraceOptions) -> Result<Vec<TraceResult>> {
@@ -96,11 +96,12 @@ fn launch_words(rays: &[Prepared], precision: Precision) -> Vec<(u64, Vec<[u32; 
         let (a, b) = (a.to_bits(), b.to_bits());
         [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32]
     };
+    let with_side = |[x, y, z, _]: [u32; 4], side: u32| [x, y, z, side];
     let mut words = vec![
-        (0, rays.iter().map(|r| single(r.origin, 1.0)).collect()),
-        (1, rays.iter().map(|r| single(r.direction, 0.0)).collect()),
+        (0, rays.iter().map(|r| single(r.origin, 0.0)).collect()),
+        (1, rays.iter().map(|r| with_side(single(r.direction, 0.0), r.side)).collect()),
         (12, rays.iter().map(|r| [(r.sense as f32).to_bits(), r.side, FRESH, 0]).collect()),
-        (16, rays.iter().map(|r| [1f32.to_bits(), r.side, 0, 0]).collect()),
+        (16, rays.iter().map(|_| single([1.0, 0.0, 1.0], 0.0)).collect()),
     ];
     match precision {
         Precision::F32 => {
@@ -135,14 +136,14 @@ fn landing(words: &[Vec<[u32; 4]>], i: usize, precision: Precision, model: Model
         ),
     };
     RawLanding {
-        status: word(5)[3],
+        status: word(5)[3] % STATUS_SIDE,
         primitive: word(4)[3],
         position,
         direction,
         momentum,
         length,
         parameter,
-        side: word(15)[3],
+        side: word(5)[3] / STATUS_SIDE,
         steps: word(7)[0],
         chords: word(7)[1],
     }
