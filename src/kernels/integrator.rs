@@ -373,15 +373,7 @@ pub fn step_factor<L: Lane>(token: L::Token, margin: L, trend: L) -> L {
 pub fn safe_step_of<M: Model, L: Lane>(token: L::Token, model: &ModelBlock<L::Real>, x: [L; 3], v: [L; 3]) -> (L, L) {
     // In some charts light may stand still.
     let slowness = L::constant(token, 1.0) / dot(v, v).max(L::constant(token, 1e-30)).sqrt();
-    let (length, detail) = M::safe_step::<L>(
-        token,
-        model,
-        x,
-        v.map(
-            #[inline(always)]
-            |c| c * slowness,
-        ),
-    );
+    let (length, detail) = M::safe_step::<L>(token, model, x, [v[0] * slowness, v[1] * slowness, v[2] * slowness]);
     (length * slowness, detail)
 }
 

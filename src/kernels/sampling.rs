@@ -11,9 +11,10 @@ pub fn sin_cos_turns<L: Lane<Real = f32>>(token: L::Token, turns: L) -> [L; 2] {
     let quarter = turns.mul_add(c(4.0), c(0.5)).floor();
     let x = (turns * c(4.0) - quarter) * c(1.570_796_4);
     let x2 = x * x;
-    let horner = |highest: f32, rest: [f32; 3]| rest.into_iter().fold(c(highest), |sum, next| sum.mul_add(x2, c(next)));
-    let s = x * horner(2.752_552_3e-6, [-1.984_090_7e-4, 8.333_331e-3, -1.666_666_6e-1]).mul_add(x2, c(1.0));
-    let cos = horner(2.475_942_3e-5, [-1.388_887_7e-3, 4.166_666_4e-2, -0.5]).mul_add(x2, c(1.0));
+    let s = c(2.752_552_3e-6).mul_add(x2, c(-1.984_090_7e-4)).mul_add(x2, c(8.333_331e-3)).mul_add(x2, c(-1.666_666_6e-1));
+    let s = x * s.mul_add(x2, c(1.0));
+    let cos = c(2.475_942_3e-5).mul_add(x2, c(-1.388_887_7e-3)).mul_add(x2, c(4.166_666_4e-2)).mul_add(x2, c(-0.5));
+    let cos = cos.mul_add(x2, c(1.0));
     // The quarter modulo 4, and whether it is odd.
     let q = quarter - (quarter * c(0.25)).floor() * c(4.0);
     let half = q * c(0.5);

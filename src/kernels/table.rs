@@ -34,11 +34,16 @@ pub fn table_row<L: Lane>(
             control[lane] = value;
         }
     }
-    let sum = |factors: &[L; 4], k: usize| {
-        let control = |b: usize| L::load(token, &controls[3 * b + k]);
-        control(3).mul_add(factors[3], control(2).mul_add(factors[2], control(1).mul_add(factors[1], control(0) * factors[0])))
-    };
-    (std::array::from_fn(|k| sum(weights, k)), std::array::from_fn(|k| sum(slopes, k)))
+    let zero = [L::constant(token, 0.0); 3];
+    let (mut value, mut change) = (zero, zero);
+    for (b, (&weight, &slope)) in weights.iter().zip(slopes).enumerate() {
+        for k in 0..3 {
+            let control = L::load(token, &controls[3 * b + k]);
+            value[k] = control.mul_add(weight, value[k]);
+            change[k] = control.mul_add(slope, change[k]);
+        }
+    }
+    (value, change)
 }
 
 /// The three functions at (u, v), each in [0, 1], and their derivatives by u and by v.
@@ -65,7 +70,9 @@ pub fn table_lookup<L: Lane>(token: L::Token, table: &[L::Real], u: L, v: L) -> 
             by_u[k] = along[k].mul_add(slope * cells_u, by_u[k]);
             by_v[k] = change[k].mul_add(weight * cells_v, by_v[k]);
         }
-        first = first.map(|at| at + TABLE_COLUMNS as usize);
+        for at in &mut first {
+            *at += TABLE_COLUMNS as usize;
+        }
     }
     (value, by_u, by_v)
 }

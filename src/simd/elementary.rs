@@ -41,8 +41,21 @@ fn within<L: Register>(x: L, low: [f64; 2], high: [f64; 2], inside: L, library: 
 #[inline(always)]
 fn polynomial<L: Register>(x: L, coefficients: &[f64], enough: usize) -> L {
     let used = if single::<L>() { &coefficients[..enough] } else { coefficients };
-    let c = |value: f64| L::constant(x.token(), value);
-    used.iter().rev().skip(1).fold(c(used[used.len() - 1]), |sum, &value| sum.mul_add(x, c(value)))
+    let mut sum = L::constant(x.token(), used[used.len() - 1]);
+    for &value in used[..used.len() - 1].iter().rev() {
+        sum = sum.mul_add(x, L::constant(x.token(), value));
+    }
+    sum
+}
+
+/// What is left of x after whole numbers n of a length in parts.
+#[inline(always)]
+fn rest_after<L: Register, const N: usize>(x: L, n: L, length: &[[f64; 2]; N]) -> L {
+    let mut rest = x;
+    for &part in length {
+        rest = n.mul_add(-by_precision(x, part), rest);
+    }
+    rest
 }
 
 /// ln 2 in two parts; products of the first with exponents are exact.
@@ -64,7 +77,7 @@ const EXP: [f64; 14] = {
 pub(super) fn exp<L: Register>(x: L, library: fn(L::Real) -> L::Real) -> L {
     let c = |value: f64| L::constant(x.token(), value);
     let n = x.mul_add(c(LOG2_E), c(0.5)).floor();
-    let rest = LN_2.iter().fold(x, |rest, &part| n.mul_add(-by_precision(x, part), rest));
+    let rest = rest_after(x, n, &LN_2);
     within(x, [-87.0, -708.0], [88.0, 709.0], polynomial(rest, &EXP, 8) * n.power_of_two(), library)
 }
 
@@ -116,7 +129,7 @@ const COSINE: [f64; 8] = alternating(0);
 fn sine<L: Register>(x: L, quarters: f64, library: fn(L::Real) -> L::Real) -> L {
     let c = |value: f64| L::constant(x.token(), value);
     let n = x.mul_add(c(FRAC_2_PI), c(0.5)).floor();
-    let rest = HALF_TURN.iter().fold(x, |rest, &part| n.mul_add(-by_precision(x, part), rest));
+    let rest = rest_after(x, n, &HALF_TURN);
     let z = rest * rest;
     let sine = (rest * z).mul_add(polynomial(z, &SINE, 4), rest);
     let cosine = z.mul_add(polynomial(z, &COSINE, 5), c(1.0));

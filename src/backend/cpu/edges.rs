@@ -143,5 +143,6 @@ pub fn cross_throat<T: Scalar>(course: &Course<T>, functions: &PointFunctions<T>
 /// Center of the bending region.
 #[inline(always)]
 pub fn region_center<T: Scalar>(course: &Course<T>) -> [T; 3] {
-    course.scene.region_center.map(|c| T::from_f64(f64::from(c)))
+    let [x, y, z] = course.scene.region_center;
+    [T::from_f64(x.into()), T::from_f64(y.into()), T::from_f64(z.into())]
 }

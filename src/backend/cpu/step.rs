@@ -1,5 +1,6 @@
 //! One step of all rays in flight, as lanes of registers: the integration, compiled for each model, and what is the same for all.
 
+use super::edges::region_center;
 use super::lanes::{Ends, Lanes, Pieces, Row};
 use crate::backend::Stop;
 use crate::kernels::bvh::{enter_root, slabs};
@@ -284,7 +285,7 @@ pub fn judge_lanes<L: Lane<Real = T>, T: Scalar>(token: L::Token, course: &Cours
     };
 
     // See where the step ends.
-    let from_center = along(moved.x, splat3(token, scene.region_center.map(|c| T::from_f64(f64::from(c)))), L::constant(token, -1.0));
+    let from_center = along(moved.x, splat3(token, region_center(course)), L::constant(token, -1.0));
     let radius = L::constant(token, f64::from(scene.region_radius));
     let outside = L::both((radius * radius).lt(dot(from_center, from_center)), zero.lt(dot(from_center, moved.v)));
     let mut crossed = 0;
