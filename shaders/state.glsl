@@ -35,13 +35,13 @@ Arrival load_arrival(uint slot) {
         mixed = uintBitsToFloat(load_word(slot, WORD_MIXED).xyz);
     }
 #endif
-    return Arrival(uintBitsToFloat(position.xyz), position.w, uintBitsToFloat(travel.xyz), travel.w % STATUS_SIDE, surface.x, surface.y, surface.z,
-        surface.w, ledger.x, ledger.y, uintBitsToFloat(ledger.z), diagonal, mixed, uintBitsToFloat(ledger.w), travel.w / STATUS_SIDE);
+    return Arrival(uintBitsToFloat(position.xyz), position.w, uintBitsToFloat(travel.xyz), travel.w % SIDE_UNIT, surface.x, surface.y, surface.z,
+        surface.w, ledger.x, ledger.y, uintBitsToFloat(ledger.z), diagonal, mixed, uintBitsToFloat(ledger.w), travel.w / SIDE_UNIT);
 }
 
 void store_arrival(uint slot, Arrival arrival) {
     store_word(slot, WORD_POSITION, arrival.position, arrival.primitive);
-    store_word(slot, WORD_TRAVEL, arrival.direction, arrival.status + arrival.side * STATUS_SIDE);
+    store_word(slot, WORD_TRAVEL, arrival.direction, arrival.status + arrival.side * SIDE_UNIT);
     store_word(slot, WORD_SURFACE, floatBitsToUint(vec4(arrival.u, arrival.v, arrival.path_length, arrival.redshift)));
     store_word(slot, WORD_LEDGER, uvec4(arrival.steps, arrival.chords, floatBitsToUint(arrival.constraint_error), floatBitsToUint(arrival.doppler)));
 #ifdef METRIC

@@ -760,8 +760,8 @@ fn bvh_equals_brute_force() {
     assert!(hits > 1500, "{hits}");
 }
 
-/// What curves and the chords of their pieces stray from their whole chord is what the boxes are extended by, to each side of each axis, and
-/// not much less; a curve of a single piece is its chord.
+/// What curves stray from their whole chord, and so the ends of their pieces, is what the boxes are extended by, to each side of each axis,
+/// and not much less; a curve of a single piece is its chord.
 #[test]
 fn curves_stay_near_their_chords() {
     let mut largest = 0.0f32;

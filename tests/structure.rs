@@ -157,7 +157,7 @@ macro_rules! check_layout {
     };
 }
 
-/// Members of a structure of `layout.glsl` with the offsets they have without padding, as the shaders' accessors take them from words.
+/// Members of a structure of `layout.glsl` with the offsets they have without padding.
 fn members_in_words(name: &str) -> Vec<(String, u32)> {
     let text = std::fs::read_to_string(root().join("shaders/layout.glsl")).unwrap();
     let body = text.split(&format!("struct {name} {{\n")).nth(1).unwrap().split('}').next().unwrap();
@@ -165,7 +165,12 @@ fn members_in_words(name: &str) -> Vec<(String, u32)> {
     let member = |line: &str| {
         let (kind, member) = line.trim().trim_end_matches(';').split_once(' ').unwrap();
         let (member, count) = member.trim_end_matches(']').split_once('[').unwrap_or((member, "1"));
-        let numbers = if kind == "vec3" { 3 } else { 1 } * count.parse::<u32>().unwrap();
+        let each = match kind {
+            "float" | "uint" => 1,
+            "vec3" => 3,
+            other => panic!("{name}: a member of type {other}"),
+        };
+        let numbers = each * count.parse::<u32>().unwrap();
         at += 4 * numbers;
         (member.to_owned(), at - 4 * numbers)
     };

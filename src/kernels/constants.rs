@@ -34,8 +34,8 @@ constants! {
         STATUS_EXHAUSTED = 4;
         /// The ray came to where a traced ray was told to stop.
         STATUS_STOPPED = 5;
-        /// The unit in which the side of a wormhole is added to a status.
-        STATUS_SIDE = 256;
+        /// What is added to a status on the far side of a wormhole.
+        SIDE_UNIT = 256;
 
         /// BVH child: a block of triangles; the low bits are its index.
         CHILD_BLOCK = 0x8000_0000;

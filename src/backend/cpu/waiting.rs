@@ -103,9 +103,9 @@ impl<T: Scalar> Waiting<T> {
         let occupied = L::bits(from.lt(to)) & entering;
         let mut met = 0;
         if occupied != 0 {
-            // Any but 0: a straight way is its own chord.
-            let tolerance = L::constant(simd, 1.0);
-            met = occupied & prepare_pieces(simd, course, &curve, (from, to), tolerance, &mut lanes.next.pieces);
+            // Any width but 0: a straight way is its own chord.
+            let cone = L::constant(simd, 1.0);
+            met = occupied & prepare_pieces(simd, course, &curve, (from, to), cone, &mut lanes.next.pieces);
             traverser.work.pass_root(occupied & !met);
         }
         from.store(&mut lanes.next.from);

@@ -362,7 +362,7 @@ impl VulkanBackend {
         let width = loaded.parameters.film_width;
         let mut row = rows.start;
         while row < rows.end {
-            let row_count = (self.slots / width).clamp(1, rows.end - row).min(self.capacity / width);
+            let row_count = (self.slots / width).clamp(1, rows.end - row);
             let mut sample = samples.start;
             while sample < samples.end {
                 let per_pixel = (self.slots / (width * row_count)).clamp(1, samples.end - sample);

@@ -91,17 +91,18 @@ fn stop_push(stop: Stop, push: Push) -> Push {
 
 /// State words of rays about to be launched: (word, values).
 fn launch_words(rays: &[Prepared], precision: Precision) -> Vec<(u64, Vec<[u32; 4]>)> {
-    let single = |v: [f64; 3], w: f64| [v[0] as f32, v[1] as f32, v[2] as f32, w as f32].map(f32::to_bits);
+    let beside = |[x, y, z]: [f64; 3], w: u32| [(x as f32).to_bits(), (y as f32).to_bits(), (z as f32).to_bits(), w];
+    let single = |v: [f64; 3], w: f64| beside(v, (w as f32).to_bits());
     let pair = |a: f64, b: f64| {
         let (a, b) = (a.to_bits(), b.to_bits());
         [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32]
     };
-    let with_side = |[x, y, z, _]: [u32; 4], side: u32| [x, y, z, side];
     let mut words = vec![
         (0, rays.iter().map(|r| single(r.origin, 0.0)).collect()),
-        (1, rays.iter().map(|r| with_side(single(r.direction, 0.0), r.side)).collect()),
+        (1, rays.iter().map(|r| beside(r.direction, r.side)).collect()),
         (12, rays.iter().map(|r| [(r.sense as f32).to_bits(), r.side, FRESH, 0]).collect()),
-        (16, rays.iter().map(|_| single([1.0, 0.0, 1.0], 0.0)).collect()),
+        // A cone of width 1 that does not grow; the frequency is that at the start.
+        (16, rays.iter().map(|_| beside([1.0, 0.0, 1.0], 0)).collect()),
     ];
     match precision {
         Precision::F32 => {
@@ -136,14 +137,14 @@ fn landing(words: &[Vec<[u32; 4]>], i: usize, precision: Precision, model: Model
         ),
     };
     RawLanding {
-        status: word(5)[3] % STATUS_SIDE,
+        status: word(5)[3] % SIDE_UNIT,
         primitive: word(4)[3],
         position,
         direction,
         momentum,
         length,
         parameter,
-        side: word(5)[3] / STATUS_SIDE,
+        side: word(5)[3] / SIDE_UNIT,
         steps: word(7)[0],
         chords: word(7)[1],
     }
