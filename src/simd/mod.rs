@@ -4,7 +4,7 @@
 //! the level travels with every constant. A scalar lane has the token `()` and is the reference the registers are tested against.
 //!
 //! What works on registers must be inlined into a function that is compiled for the level, or every operation is a call. Closures handed
-//! to `fold`, to `map` of an array or to `from_fn` are not: loops take half of the time.
+//! to `fold`, to `map` of an array or to `from_fn` are not: with AVX2 a helix, all sines, took twice as long as with loops.
 
 mod elementary;
 mod vector;

@@ -227,6 +227,7 @@ impl VulkanBackend {
             generate: self.kernel("generate")?,
             prepare: self.kernel("prepare")?,
             advance: self.advance(model, precision, parameters, Purpose::Rendering)?,
+            // Which follows from the model, as the rest does.
             shade: self.specialized_kernel("shade", &[parameters.local_frames])?,
             escape: self.kernel("escape")?,
             resolve: self.kernel("resolve")?,
