@@ -1,8 +1,9 @@
 //! Rays traced on their own: their state is written into path slots, flown, and read back.
 
+use super::batch::Push;
 use super::buffer::Buffer;
 use super::scene::{download, upload_at};
-use super::{Loaded, Purpose, Push, VulkanBackend};
+use super::{Loaded, Purpose, VulkanBackend};
 use crate::backend::{Precision, Prepared, RawLanding, Stop, TraceOptions, TraceRay, TraceResult, Tracer};
 use crate::error::Result;
 use crate::kernels::constants::*;
