@@ -28,7 +28,7 @@ pub struct RenderArgs {
     /// Samples per pixel
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     spp: Option<u32>,
-    /// Index of the first sample, for parts that will be merged
+    /// Index of the first sample: parts rendered apart hold the samples of one run
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000_000_000))]
     first_sample: u32,
     /// Stop after this many seconds

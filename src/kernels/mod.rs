@@ -1,4 +1,5 @@
-//! The kernels: one algorithm in two languages. Every file has a twin of the same stem in `shaders/` with the same functions.
+//! The kernels: one algorithm in two languages. What shaders compute too has a twin of the same stem in `shaders/` with the same functions;
+//! `tests/structure.rs` lists the pairs, and what one side alone needs.
 
 pub mod bvh;
 pub mod camera;

@@ -1,5 +1,5 @@
 //! Batches of paths: what is recorded for them, round by round, and how many paths the next one has. They are sized by measured time, so
-//! that a submission stays near 100 ms.
+//! that one takes about 80 ms.
 
 use super::{COUNTERS, Kernels, Loaded, Purpose, VulkanBackend};
 use crate::backend::{Profiling, RoundCounts};
@@ -11,8 +11,8 @@ use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
-/// Time a submission should take.
-const SUBMIT_TIME: Duration = Duration::from_millis(80);
+/// Time a batch should take.
+const BATCH_TIME: Duration = Duration::from_millis(80);
 /// Most rounds in one submission.
 const MAX_ROUNDS: u32 = 64;
 /// How often the film is copied to the host, so that a lost device does not lose it.
@@ -44,10 +44,11 @@ pub(super) struct Push {
 /// What the counters say after a submission.
 pub(super) struct Counts {
     pub(super) remaining: u32,
-    pub(super) statistics: Statistics,
+    statistics: Statistics,
 }
 
 impl VulkanBackend {
+    /// Push constants for what is loaded, without rays.
     pub(super) fn push(&self, loaded: &Loaded) -> Push {
         Push {
             sums: loaded.film.sums.address(),
@@ -165,6 +166,7 @@ impl VulkanBackend {
         Ok(())
     }
 
+    /// Adds `samples` of each pixel of `rows` to the film, in batches.
     pub(super) fn accumulate_in(&mut self, loaded: &mut Loaded, rows: Range<u32>, samples: Range<u32>) -> Result<()> {
         let _span = tracing::debug_span!("accumulate", ?rows, ?samples).entered();
         if self.commands.profiling() == Profiling::Counters && loaded.kernels.counting.is_none() {
@@ -187,7 +189,7 @@ impl VulkanBackend {
                 };
                 let start = Instant::now();
                 self.run_batch(loaded, push)?;
-                let scale = SUBMIT_TIME.as_secs_f64() / start.elapsed().as_secs_f64().max(1e-6);
+                let scale = BATCH_TIME.as_secs_f64() / start.elapsed().as_secs_f64().max(1e-6);
                 // A short last batch says little about a full one, unless it took too long.
                 if push.slot_count > self.slots / 2 || scale < 1.0 {
                     let wanted = f64::from(push.slot_count) * scale.clamp(0.25, 2.0);

@@ -286,7 +286,7 @@ pub struct MeshTable {
     pub side: Option<Spanned<Side>>,
 }
 
-/// Side of a wormhole: 1 is the camera's, -1 the far one.
+/// Side of a wormhole: 0, in the file 1, is the camera's; 1, in the file -1, the far one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side(pub u32);
 

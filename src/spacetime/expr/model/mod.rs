@@ -2,9 +2,10 @@
 //!
 //! Whatever its class, each model gets the same functions in both dialects: `rate` (velocity and force along a ray), `launch` (momentum and
 //! energy from a direction), `observe` (direction, frequency and constraint error as the local observer sees them), `frame` (his
-//! orthonormal frame), `far_frequency`, `capture_distance` and `safe_step`. Models with many sources get a loop over them.
+//! orthonormal frame), `matter_frequency`, `far_frequency`, `index_gradient`, `coordinate_radius`, `capture_distance` and `safe_step`.
+//! Models with many sources get a loop over them. `text` writes them out.
 
-mod source;
+mod text;
 
 use super::{Expr, gradient};
 use crate::spacetime::{Dyadic, Flow, Medium, Metric, Parameters, Scalar, Vec3};
@@ -257,10 +258,10 @@ fn safe_step_function(length: Expr, detail: Expr) -> Function {
     Function { name: "safe_step", arguments: STEP, results: vec![("length", vec![length]), ("detail", vec![detail])] }
 }
 
-/// u^t (E - p . w) of matter with time component `u_t` of its four-velocity and coordinate velocity `w`.
-fn matter_function(u_t: Expr, w: Vec3<Expr>) -> Function {
+/// u^t (E - sense p . w) of matter with coordinate velocity `w` and `rate` u^t of its coordinate time by its own.
+fn matter_function(rate: Expr, w: Vec3<Expr>) -> Function {
     let q = vector(["px", "py", "pz"]);
-    let seen = u_t * (Expr::input("energy") - Expr::input("sense") * q.dot(w));
+    let seen = rate * (Expr::input("energy") - Expr::input("sense") * q.dot(w));
     Function { name: "matter_frequency", arguments: MATTER, results: vec![("frequency", vec![seen])] }
 }
 

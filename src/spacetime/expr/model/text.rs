@@ -17,7 +17,7 @@ enum Reduction {
 }
 
 impl ModelFormulas {
-    /// GLSL functions of the model; `real` and the accessors `model_*` must be in scope.
+    /// GLSL functions of the model; `real`, `table_lookup` and the accessors `model_*` must be in scope.
     pub fn glsl(&self, dialect: Dialect) -> String {
         let mut out = String::new();
         for f in &self.functions {
@@ -70,7 +70,7 @@ impl ModelFormulas {
         out
     }
 
-    /// A Rust `impl Model for $name` over SIMD lanes.
+    /// A Rust `impl Model` for the model `name` over SIMD lanes.
     pub fn rust(&self, name: &str) -> String {
         let mut out = format!(
             "impl Model for crate::spacetime::{name} {{\n    const KIND: crate::spacetime::ModelKind = crate::spacetime::ModelKind::{name};\n"
