@@ -49,15 +49,7 @@ impl ModelFormulas {
             self.read_table(&mut out, dialect, &outputs);
             let (body, names) = statements(dialect, "t", &outputs);
             out.push_str(&body);
-            let mut names = names.into_iter();
-            let values: Vec<String> = f
-                .results
-                .iter()
-                .map(|(_, r)| {
-                    let parts: Vec<String> = names.by_ref().take(r.len()).collect();
-                    if r.len() == 3 { format!("real3({})", parts.join(", ")) } else { parts.join("") }
-                })
-                .collect();
+            let values = f.values(names, ("real3(", ")"));
             if returned == "void" {
                 for ((name, _), value) in f.results.iter().zip(&values) {
                     let _ = writeln!(out, "    out_{name} = {value};");
@@ -102,15 +94,7 @@ impl ModelFormulas {
             self.read_table(&mut out, Dialect::Rust, &outputs);
             let (body, names) = statements(Dialect::Rust, "t", &outputs);
             out.push_str(&body);
-            let mut names = names.into_iter();
-            let values: Vec<String> = f
-                .results
-                .iter()
-                .map(|(_, r)| {
-                    let parts: Vec<String> = names.by_ref().take(r.len()).collect();
-                    if r.len() == 3 { format!("[{}]", parts.join(", ")) } else { parts.join("") }
-                })
-                .collect();
+            let values = f.values(names, ("[", "]"));
             let _ = if let [only] = values.as_slice() {
                 writeln!(out, "    {only}\n    }}")
             } else {
@@ -211,6 +195,16 @@ impl ModelFormulas {
 impl Function {
     fn outputs(&self) -> Vec<Expr> {
         self.results.iter().flat_map(|(_, r)| r.iter().copied()).collect()
+    }
+
+    /// The text of each result, given the names of all outputs and what a vector's components are put between.
+    fn values(&self, names: Vec<String>, (open, close): (&str, &str)) -> Vec<String> {
+        let mut names = names.into_iter();
+        let value = |length: usize| {
+            let parts: Vec<String> = names.by_ref().take(length).collect();
+            if length == 3 { format!("{open}{}{close}", parts.join(", ")) } else { parts.concat() }
+        };
+        self.results.iter().map(|(_, r)| r.len()).map(value).collect()
     }
 }
 
